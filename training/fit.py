@@ -1,0 +1,267 @@
+"""Training: one recipe, one prepared set, one device. Needs torch and numpy alone.
+
+Every random number of a step comes from a generator seeded with (seed, step), so a run that was interrupted
+goes on exactly as if it had not been.
+"""
+
+import csv
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from model.network import PRSNet
+from training.inputs import draw_inputs, voxels_of
+from training.losses import Losses, combine, reflect, rotate
+from training.prepared import PreparedSet
+from training.recipe import OptimizerRecipe, Recipe
+from training.store import ShapeStore
+
+VALIDATION_SHAPES = 512
+_VALIDATION_SEED = 20_190_419
+COLUMNS = (
+    "step", "loss", "symmetry", "regularization", "best_plane", "learning_rate", "gradient_norm", "turn", "half_turn",
+    "samples_per_second", "validation_loss", "validation_best_plane", "validation_plane", "validation_share",
+)  # fmt: skip
+
+
+class Writer(Protocol):
+    """Where curves go beside the CSV: a TensorBoard SummaryWriter fits."""
+
+    def add_scalar(self, tag: str, scalar_value: float, global_step: int) -> Any:
+        """Record one value."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """What a progress bar shows after a step."""
+
+    step: int
+    steps: int
+    loss: float
+    samples_per_second: float
+    seconds_left: float
+
+
+def batch_losses(
+    network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe, generator: torch.Generator
+) -> tuple[Losses, Tensor, Tensor]:
+    """Draw inputs for ``shapes`` ``(b,)``, run the network, evaluate the loss in the canonical frame.
+
+    The predicted transforms act on the samples in the frame the network was fed with; the transformed points are
+    turned back and looked up in the canonical closest-point grid, so no grid is ever recomputed.
+
+    Returns:
+        the losses, the planes ``(b, p, 4)`` and the quaternions ``(b, r, 4)`` in the fed frame.
+    """
+    fed, pose = draw_inputs(store.meshes(shapes), recipe.input, recipe.damage, generator)
+    voxels = voxels_of(fed, recipe.network.resolution).contiguous(memory_format=torch.channels_last_3d)
+    samples = store.draw_samples(shapes, recipe.loss.samples, generator)
+    planes, quaternions = network(voxels)
+    points = pose.apply(samples)
+    transformed = pose.undo(torch.cat([reflect(points, planes), rotate(points, quaternions)], dim=1))
+    heads = transformed.shape[1]
+    closest, occupied = store.closest(shapes, transformed.detach().flatten(1, 2))
+    distances = (transformed.flatten(1, 2) - closest).square().sum(-1)
+    if not recipe.loss.squared:
+        distances = (distances + 1e-12).sqrt()
+    if recipe.loss.mask_occupied:
+        distances = distances.masked_fill(occupied, 0.0)
+    distances = distances.unflatten(1, (heads, recipe.loss.samples))
+    losses = combine(distances, planes, quaternions, recipe.loss.regularization, recipe.loss.best_head)
+    return losses, planes.detach(), quaternions.detach()
+
+
+def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
+    """The rate of a step, a function of the step alone."""
+    if recipe.schedule == "constant":
+        return recipe.learning_rate
+    warm = max(1, round(recipe.warmup * recipe.steps))
+    if step < warm:
+        return recipe.learning_rate * (0.04 + 0.96 * step / warm)
+    done = (step - warm) / max(1, recipe.steps - warm)
+    return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done)))
+
+
+def draw_shapes(pool: Tensor, recipe: Recipe, step: int) -> Tensor:
+    """The shapes of a step: epochs of shuffled training indices, cut into batches; the last, short one is left out."""
+    batch = min(recipe.optimizer.batch, len(pool))
+    per_epoch = len(pool) // batch
+    epoch, within = divmod(step, per_epoch)
+    order = np.random.default_rng([recipe.seed, epoch]).permutation(len(pool))
+    return pool[torch.from_numpy(order[within * batch : (within + 1) * batch]).to(pool.device)]
+
+
+@torch.no_grad()
+def validate(network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe) -> dict[str, float]:
+    """Losses on held-out shapes, always the same inputs; errors are read off the training grid, so they are biased up."""
+    network.eval()
+    generator = torch.Generator(store.device).manual_seed(_VALIDATION_SEED)
+    totals, planes = [], []
+    for chunk in shapes.split(64):
+        losses, _, _ = batch_losses(network, store, chunk, recipe, generator)
+        totals.append(float(losses.total) * len(chunk))
+        planes.append(losses.plane_errors)
+    network.train()
+    errors = torch.cat(planes)
+    best = errors.amin(1)
+    return {
+        "validation_loss": sum(totals) / len(shapes),
+        "validation_best_plane": float(best.mean()),
+        "validation_plane": float(errors.mean()),
+        "validation_share": float((best <= 4e-4).float().mean()),
+    }
+
+
+def fit(
+    recipe: Recipe,
+    prepared: PreparedSet,
+    run: str | Path,
+    *,
+    device: str | None = None,
+    log_every: int = 100,
+    validate_every: int = 1000,
+    max_seconds: float | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    on_derive: Callable[[int, int], None] | None = None,
+    writer: Writer | None = None,
+) -> Path:
+    """Train, or go on where ``run`` stopped.
+
+    Args:
+        recipe: what to train and how; a resumed run must be given the same one.
+        prepared: the data.
+        run: folder of the run: recipe, `curve.csv`, `last.pt`, `best.pt` (lowest validation loss).
+        device: ``cuda``, ``cpu``, ...; by default a GPU where there is one.
+        log_every: steps between lines of the curve.
+        validate_every: steps between validations; also how often `last.pt` is written.
+        max_seconds: stop (with a checkpoint to resume from) after this long.
+        on_progress: called after every logged step.
+        on_derive: called with done and total while closest-point grids are derived.
+        writer: further curves.
+
+    Returns:
+        the path of the best checkpoint.
+
+    Raises:
+        ValueError: ``run`` holds a run of another recipe or other data, or there is nothing to train on.
+    """
+    run = Path(run)
+    run.mkdir(parents=True, exist_ok=True)
+    torch_device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+    identity = json.dumps({"recipe": recipe.to_dict(), "data": prepared.sha256}, indent=1, sort_keys=True)
+    stamp = run / "run.json"
+    if stamp.is_file() and stamp.read_text() != identity:
+        raise ValueError(f"{run} holds a run of another recipe or other data; choose another folder")
+    stamp.write_text(identity)
+    train_index, validation_index = prepared.split(recipe.validation_share)
+    if len(train_index) == 0:
+        raise ValueError("the prepared set holds no shape to train on")
+    store = ShapeStore(prepared, torch_device, recipe.loss.grid, on_derive)
+    pool = torch.from_numpy(train_index).to(torch_device)
+    held_out = torch.from_numpy(validation_index if len(validation_index) else train_index).to(torch_device)
+    held_out = held_out[: VALIDATION_SHAPES]
+
+    torch.manual_seed(recipe.seed)
+    network = PRSNet(recipe.network).to(torch_device, memory_format=torch.channels_last_3d)
+    optimizer = torch.optim.Adam(network.parameters(), lr=recipe.optimizer.learning_rate)
+    step, best = 0, math.inf
+    if (run / "last.pt").is_file():
+        state = torch.load(run / "last.pt", map_location=torch_device, weights_only=True)
+        network.load_state_dict(state["network"])
+        optimizer.load_state_dict(state["optimizer"])
+        step, best = int(state["step"]), float(state["best"])
+        _trim_curve(run / "curve.csv", step)
+    network.train()
+    started = mark = time.monotonic()
+    marked_step = step
+    generator = torch.Generator(torch_device)
+    steps = recipe.optimizer.steps
+    while step < steps:
+        rate = learning_rate(recipe.optimizer, step)
+        for group in optimizer.param_groups:
+            group["lr"] = rate
+        generator.manual_seed(recipe.seed * 1_000_003 + step)
+        losses, planes, quaternions = batch_losses(
+            network, store, draw_shapes(pool, recipe, step), recipe, generator
+        )
+        optimizer.zero_grad(set_to_none=True)
+        losses.total.backward()
+        limit = recipe.optimizer.clip_norm or math.inf
+        norm = torch.nn.utils.clip_grad_norm_(network.parameters(), limit)
+        optimizer.step()
+        step += 1
+        stopping = max_seconds is not None and time.monotonic() - started > max_seconds
+        validating = step % validate_every == 0 or step == steps or stopping
+        if step % log_every == 0 or validating:
+            now = time.monotonic()
+            speed = (step - marked_step) * recipe.optimizer.batch / max(now - mark, 1e-9)
+            mark, marked_step = now, step
+            row: dict[str, float] = {
+                "step": step,
+                "loss": float(losses.total.detach()),
+                "symmetry": float(losses.symmetry),
+                "regularization": float(losses.regularization),
+                "best_plane": float(losses.plane_errors.amin(1).mean()),
+                "learning_rate": rate,
+                "gradient_norm": float(norm),
+                # Collapse monitors: how much the normals vary over the batch, and the mean sine of half the angle.
+                "turn": float(planes[..., :3].std(0).mean()),
+                "half_turn": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
+                "samples_per_second": speed,
+            }
+            if not math.isfinite(row["loss"]):
+                raise FloatingPointError(f"the loss is not finite at step {step}; lower the learning rate")
+            if validating:
+                row |= validate(network, store, held_out, recipe)
+                state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "step": step}
+                if row["validation_loss"] < best:
+                    best = row["validation_loss"]
+                    _save(run / "best.pt", {"network": network.state_dict(), "step": step, "metrics": row})
+                _save(run / "last.pt", {**state, "best": best, "metrics": row})
+            _log(run / "curve.csv", row, writer)
+            if on_progress is not None:
+                left = (steps - step) * recipe.optimizer.batch / max(speed, 1e-9)
+                on_progress(Progress(step, steps, row["loss"], speed, left))
+        if stopping:
+            break
+    return run / "best.pt"
+
+
+def _save(path: Path, state: dict[str, Any]) -> None:
+    """Write aside and rename, so that an interruption never leaves half a checkpoint."""
+    aside = path.with_suffix(".tmp")
+    torch.save(state, aside)
+    aside.replace(path)
+
+
+def _log(path: Path, row: dict[str, float], writer: Writer | None) -> None:
+    fresh = not path.is_file()
+    with path.open("a", newline="") as lines:
+        out = csv.DictWriter(lines, COLUMNS, restval="")
+        if fresh:
+            out.writeheader()
+        out.writerow({key: f"{value:.6g}" for key, value in row.items()})
+    if writer is not None:
+        for key, value in row.items():
+            if key != "step":
+                writer.add_scalar(key, value, int(row["step"]))
+
+
+def _trim_curve(path: Path, step: int) -> None:
+    """Drop lines a killed run wrote after its last checkpoint: they will be written again."""
+    if not path.is_file():
+        return
+    with path.open(newline="") as lines:
+        rows = [row for row in csv.DictReader(lines) if int(row["step"]) <= step]
+    with path.open("w", newline="") as lines:
+        out = csv.DictWriter(lines, COLUMNS, restval="")
+        out.writeheader()
+        out.writerows(rows)

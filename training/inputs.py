@@ -1,0 +1,127 @@
+"""What the network is shown: damage, frame, rotation and voxels, drawn on the fly for every sample."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from training.meshbatch import MeshBatch, covariances, unit_frames
+from training.raster import voxelize_batch
+from training.recipe import DamageRecipe, InputRecipe
+
+
+@dataclass(slots=True)
+class Pose:
+    """The frame the network is fed with: ``fed = rotation (canonical - center) / scale``, canonical = prepared unit frame.
+
+    ``rotation`` ``(b, 3, 3)`` orthogonal, ``center`` ``(b, 3)``, ``scale`` ``(b,)``.
+    """
+
+    rotation: Tensor
+    center: Tensor
+    scale: Tensor
+
+    def apply(self, points: Tensor) -> Tensor:
+        """Canonical points ``(b, n, 3)`` in the frame the network is fed with."""
+        return (points - self.center[:, None]) @ self.rotation.mT / self.scale[:, None, None]
+
+    def undo(self, points: Tensor) -> Tensor:
+        """Back to the canonical frame, ``(b, h, n, 3)``."""
+        turned = points @ self.rotation[:, None]
+        return turned * self.scale[:, None, None, None] + self.center[:, None, None]
+
+
+def draw_inputs(
+    meshes: MeshBatch, recipe: InputRecipe, damage: DamageRecipe, generator: torch.Generator
+) -> tuple[MeshBatch, Pose]:
+    """Damage the meshes, draw each one's frame: the meshes as fed, and where that frame lies."""
+    if damage.share > 0:
+        meshes = _with_holes(meshes, damage, generator)
+    center, scale = unit_frames(meshes)
+    if recipe.frame == "unit":
+        rotation = uniform_rotations(meshes.size, generator, meshes.corners.device)
+    else:
+        rotation = _inertia_rotations(meshes, center, recipe, generator)
+    return meshes.moved(rotation, center, scale), Pose(rotation, center, scale)
+
+
+def voxels_of(meshes: MeshBatch, resolution: int) -> Tensor:
+    """Network input ``(b, 1, R, R, R)`` float32: the exact voxels of service, whatever the device."""
+    if meshes.corners.device.type != "cpu":
+        return voxelize_batch(meshes, resolution).unsqueeze(1).float()
+    try:
+        from model.voxels import voxelize
+    except ImportError:  # a bare machine with torch and numpy alone
+        return voxelize_batch(meshes, resolution).unsqueeze(1).float()
+    counts = torch.bincount(meshes.shape, minlength=meshes.size).tolist()
+    grids: list[Tensor] = []
+    for corners in meshes.corners.double().split(counts):
+        faces = torch.arange(3 * len(corners), dtype=torch.int32).view(-1, 3)
+        grids.append(torch.from_numpy(voxelize(corners.reshape(-1, 3).numpy(), faces.numpy(), resolution)))
+    return torch.stack(grids).unsqueeze(1).float()
+
+
+def uniform_rotations(count: int, generator: torch.Generator, device: torch.device) -> Tensor:
+    """Rotations uniform on SO(3), ``(count, 3, 3)``: normalised Gaussian quaternions."""
+    quaternions = torch.randn((count, 4), generator=generator, device=device)
+    return rotation_matrices(quaternions / quaternions.norm(dim=1, keepdim=True))
+
+
+def rotation_matrices(quaternions: Tensor) -> Tensor:
+    """Unit quaternions ``(..., 4)`` as matrices ``(..., 3, 3)``."""
+    w, x, y, z = quaternions.unbind(-1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+
+
+def rotation_vectors(vectors: Tensor) -> Tensor:
+    """Rotations about ``vectors`` ``(b, 3)`` by their length in radians, as matrices."""
+    angle = vectors.norm(dim=1, keepdim=True).clamp_min(1e-12)
+    return rotation_matrices(torch.cat([torch.cos(angle / 2), torch.sin(angle / 2) * vectors / angle], dim=1))
+
+
+def _inertia_rotations(
+    meshes: MeshBatch, center: Tensor, recipe: InputRecipe, generator: torch.Generator
+) -> Tensor:
+    device = center.device
+    # The eigenvectors of 3 x 3 matrices: a GPU solves thousands of tiny problems slower than the CPU does.
+    values, vectors = torch.linalg.eigh(covariances(meshes, center).double().cpu())
+    values, vectors = values.flip(-1).to(device).float(), vectors.flip(-1).to(device).float()
+    frame = vectors.mT
+    signs = torch.randint(0, 2, (meshes.size, 3), generator=generator, device=device) * 2.0 - 1.0
+    frame = signs[:, :, None] * frame
+    frame = torch.linalg.det(frame)[:, None, None].sign() * frame
+    choice = torch.multinomial(
+        torch.tensor(recipe.jitter_shares, device=device), meshes.size, replacement=True, generator=generator
+    )
+    deviation = torch.tensor(recipe.jitters, device=device)[choice]
+    jitter = torch.randn((meshes.size, 3), generator=generator, device=device) * deviation[:, None]
+    # A rotation about eigenvector k mixes the two others: how far depends on how close their eigenvalues lie.
+    pairs = torch.tensor([[1, 2], [0, 2], [0, 1]], device=device)
+    gaps = (values[:, pairs[:, 0]] - values[:, pairs[:, 1]]) / values[:, :1].clamp_min(1e-12)
+    spread = recipe.tie / gaps.clamp_min(recipe.tie / torch.pi)
+    # Below a tenth of a radian the eigenvectors are well defined and the jitter above says enough.
+    spread = torch.where(spread > 0.1, spread, 0.0)
+    loose = torch.randn((meshes.size, 3), generator=generator, device=device) * spread
+    return rotation_vectors(jitter) @ rotation_vectors(loose) @ frame
+
+
+def _with_holes(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Remove the triangles whose centroid lies in a ball around a random triangle, for ``share`` of the shapes."""
+    device = meshes.corners.device
+    middle = meshes.corners.mean(1)
+    counts = torch.bincount(meshes.shape, minlength=meshes.size)
+    starts = counts.cumsum(0) - counts
+    draws = torch.rand((meshes.size, 3), generator=generator, device=device)
+    picked = starts + (draws[:, 0] * counts).long().clamp_max(counts - 1)
+    low, high = damage.radius
+    radius = (low + (high - low) * draws[:, 1]) * (draws[:, 2] < damage.share)
+    dropped = (middle - middle[picked][meshes.shape]).norm(dim=1) < radius[meshes.shape]
+    # Keep at least half of the surface: a shape that all but vanishes teaches nothing.
+    areas = meshes.areas()
+    kept = meshes.per_shape(areas * ~dropped) >= 0.5 * meshes.per_shape(areas)
+    return meshes.without(dropped & kept[meshes.shape])

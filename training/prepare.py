@@ -1,0 +1,210 @@
+"""`training prepare`: folders of meshes to a prepared set (layout: `training.prepared`)."""
+
+import csv
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from model.errors import PRSNetError
+from model.formats import SUPPORTED_FORMATS, read_mesh
+from model.frames import UnitFrame
+from model.mesh import Mesh
+from model.sampling import sample_surface
+from model.surface import SurfaceIndex
+from model.voxels import voxelize
+from training.prepared import FORMAT_VERSION, dequantise, quantise
+
+SHARD_SHAPES = 256
+_SHAPENET_FILE = ("models", "model_normalized")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What goes into a shard beside the meshes; a resumed preparation must be given the same."""
+
+    resolution: int = 32
+    samples: int = 4096
+    mesh_only: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFile:
+    """One mesh file: where it is, and what shapes.csv will call it."""
+
+    path: Path
+    name: str
+    source: str
+    category: str
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a preparation did."""
+
+    shapes: int
+    skipped: int
+    sha256: str
+
+
+def find_meshes(folders: Sequence[Path]) -> list[SourceFile]:
+    """All mesh files below ``folders``, sorted by name.
+
+    The published layout of ShapeNetCore.v2, ``SYNSET/MODEL/models/model_normalized.obj``, gives one shape a model with
+    the synset as its category; in plain folders the first folder below the root is the category.
+
+    Raises:
+        ValueError: a folder does not exist, or there is no mesh below any of them.
+    """
+    found: list[SourceFile] = []
+    for root in folders:
+        if not root.is_dir():
+            raise ValueError(f"{root} is not a folder")
+        shapenet = any(root.glob("*/*/models/model_normalized.obj"))
+        for folder, _, files in os.walk(root):
+            for file in files:
+                path = Path(folder) / file
+                if path.suffix.lower().lstrip(".") not in SUPPORTED_FORMATS:
+                    continue
+                parts = path.relative_to(root).parts
+                if shapenet:
+                    if parts[-2:-1] != _SHAPENET_FILE[:1] or path.stem != _SHAPENET_FILE[1] or len(parts) < 4:
+                        continue
+                    found.append(SourceFile(path, "/".join(parts[-4:-2]), "ShapeNetCore.v2", parts[-4]))
+                else:
+                    category = parts[0] if len(parts) > 1 else ""
+                    found.append(SourceFile(path, "/".join((root.name, *parts)), root.name, category))
+    if not found:
+        raise ValueError("there is no mesh file below the folders given")
+    return sorted(found, key=lambda source: source.name)
+
+
+def prepare(folders: Sequence[Path], out: Path, options: Options, workers: int = 1, progress: bool = True) -> Summary:
+    """Prepare every mesh below ``folders`` into ``out``; shards that are complete are kept from an earlier run.
+
+    Raises:
+        ValueError: nothing to prepare, or ``out`` was begun with other files or options.
+    """
+    sources = find_meshes(folders)
+    out.mkdir(parents=True, exist_ok=True)
+    plan = json.dumps({"options": asdict(options), "files": [source.name for source in sources]})
+    stamp = hashlib.sha256(plan.encode()).hexdigest()
+    begun = out / "plan.sha256"
+    if begun.is_file() and begun.read_text() != stamp:
+        raise ValueError(f"{out} was begun with other files or options; choose another folder")
+    begun.write_text(stamp)
+    jobs = [
+        (sources[first : first + SHARD_SHAPES], out / f"shard-{number:05d}", options)
+        for number, first in enumerate(range(0, len(sources), SHARD_SHAPES))
+    ]
+    results: list[dict[str, Any]] = []
+    with tqdm(total=len(sources), unit="mesh", disable=not progress) as bar:
+        for job, result in zip(jobs, _run(jobs, workers), strict=True):
+            results.append(result)
+            bar.update(len(job[0]))
+    return _finish(out, results, options)
+
+
+def _run(jobs: list[tuple[list[SourceFile], Path, Options]], workers: int) -> Iterator[dict[str, Any]]:
+    if workers <= 1:
+        yield from map(_prepare_shard, jobs)
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        yield from pool.map(_prepare_shard, jobs)
+
+
+def _prepare_shard(job: tuple[list[SourceFile], Path, Options]) -> dict[str, Any]:
+    """Write one shard, or return the record of one already complete. The record is written last."""
+    sources, folder, options = job
+    record_file = folder / "record.json"
+    if record_file.is_file():
+        return json.loads(record_file.read_text())
+    folder.mkdir(exist_ok=True)
+    shapes: list[dict[str, Any]] = []
+    skipped: list[dict[str, str]] = []
+    columns: dict[str, list[NDArray[Any]]] = {"vertices": [], "faces": [], "samples": [], "voxels": [], "closest": []}
+    starts = [(0, 0)]
+    for source in sources:
+        try:
+            arrays = prepare_shape(read_mesh(source.path.read_bytes(), source.path.name), options)
+        except (PRSNetError, OSError) as error:
+            skipped.append({"name": source.name, "reason": str(error)})
+            continue
+        for key, array in arrays.items():
+            columns[key].append(array)
+        sizes = len(arrays["vertices"]), len(arrays["faces"])
+        starts.append((starts[-1][0] + sizes[0], starts[-1][1] + sizes[1]))
+        shapes.append(
+            {"name": source.name, "source": source.source, "category": source.category,
+             "vertices": sizes[0], "faces": sizes[1]}
+        )  # fmt: skip
+    digest = hashlib.sha256(json.dumps(shapes).encode())
+    written = {"starts": np.array(starts, dtype=np.int64)}
+    if shapes:
+        flat = {"vertices": np.concatenate, "faces": np.concatenate}
+        written |= {key: flat.get(key, np.stack)(parts) for key, parts in columns.items() if parts}
+    for key in sorted(written):
+        np.save(folder / f"{key}.npy", written[key])
+        digest.update(key.encode() + written[key].tobytes())
+    record = {"name": folder.name, "sha256": digest.hexdigest(), "shapes": shapes, "skipped": skipped}
+    record_file.write_text(json.dumps(record))
+    return record
+
+
+def prepare_shape(mesh: Mesh, options: Options) -> dict[str, NDArray[Any]]:
+    """The arrays of one shape, see `training.prepared`.
+
+    Everything is computed from the quantised vertices, so that all arrays describe exactly the same surface.
+
+    Raises:
+        MeshError: the mesh has no faces, no extent or no area.
+    """
+    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    packed = quantise(frame.to_unit(mesh.vertices[used]))
+    arrays: dict[str, NDArray[Any]] = {"vertices": packed, "faces": faces.reshape(-1, 3).astype(np.int32)}
+    vertices = dequantise(packed).astype(np.float64)
+    UnitFrame.of(vertices, arrays["faces"])  # quantisation must not have flattened it
+    if options.mesh_only:
+        return arrays
+    samples, _ = sample_surface(vertices, arrays["faces"], options.samples, seed=0)
+    arrays["samples"] = quantise(np.random.default_rng(0).permutation(samples))
+    arrays["voxels"] = np.packbits(voxelize(vertices, arrays["faces"], options.resolution).ravel())
+    ticks = (np.arange(options.resolution) + 0.5) / options.resolution - 0.5
+    centres = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    arrays["closest"] = quantise(SurfaceIndex(vertices, arrays["faces"]).closest(centres)[0])
+    return arrays
+
+
+def _finish(out: Path, results: list[dict[str, Any]], options: Options) -> Summary:
+    kept = [result for result in results if result["shapes"]]
+    shapes = [shape for result in kept for shape in result["shapes"]]
+    skipped = [entry for result in results for entry in result["skipped"]]
+    _write_csv(out / "shapes.csv", shapes, ["name", "source", "category", "vertices", "faces"])
+    _write_csv(out / "skipped.csv", skipped, ["name", "reason"])
+    digest = hashlib.sha256("".join(result["sha256"] for result in kept).encode()).hexdigest()
+    manifest = {
+        "version": FORMAT_VERSION,
+        **asdict(options),
+        "shapes": len(shapes),
+        "skipped": len(skipped),
+        "sha256": digest,
+        "shards": [{"name": r["name"], "shapes": len(r["shapes"]), "sha256": r["sha256"]} for r in kept],
+    }
+    (out / "manifest.json").write_text(json.dumps(manifest, indent=1))
+    return Summary(len(shapes), len(skipped), digest)
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]], columns: list[str]) -> None:
+    with path.open("w", newline="") as lines:
+        out = csv.DictWriter(lines, columns)
+        out.writeheader()
+        out.writerows(rows)
