@@ -6,6 +6,8 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 
+from model.sparse_block import convolve_and_pool
+
 LEAKY_SLOPE = 0.2
 PLANE_SHARE = 4
 """Parameters of a plane ``(n, d)`` and of a quaternion ``(w, x, y, z)`` alike."""
@@ -16,8 +18,8 @@ class Architecture:
     """What it takes to rebuild a network before its weights are loaded.
 
     ``resolution`` R is a power of two and gives log2 R convolution blocks. ``width`` multiplies every channel
-    count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each convolution, which
-    the paper does not have. ``planes`` and ``rotations`` are the numbers of heads, at most three each: the initial
+    count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each pooling (an eighth of the work
+    of one behind the convolution), which the paper does not have. ``planes`` and ``rotations`` are the numbers of heads, at most three each: the initial
     directions are the coordinate axes.
     """
 
@@ -52,10 +54,10 @@ class PRSNet(nn.Module):
         layers: list[nn.Module] = []
         channels_in, channels = 1, 4 * self.architecture.width
         for _ in range(blocks):
-            layers.append(nn.Conv3d(channels_in, channels, kernel_size=3, padding=1))
+            layers += [nn.Conv3d(channels_in, channels, kernel_size=3, padding=1), nn.MaxPool3d(2)]
             if self.architecture.batch_norm:
                 layers.append(nn.BatchNorm3d(channels))
-            layers += [nn.MaxPool3d(2), nn.LeakyReLU(LEAKY_SLOPE, inplace=True)]
+            layers.append(nn.LeakyReLU(LEAKY_SLOPE, inplace=True))
             channels_in, channels = channels, channels * 2
         self.features = nn.Sequential(*layers)
         self.plane_heads = nn.ModuleList(_head(channels_in) for _ in range(self.architecture.planes))
@@ -91,13 +93,20 @@ class PRSNet(nn.Module):
             planes: ``(b, planes, 4)``, rows ``(n, d)`` with ``|n| = 1`` and ``n.x + d = 0``, in the frame of the input.
             quaternions: ``(b, rotations, 4)``, unit, ``(w, x, y, z)``.
         """
-        features = self.features(voxels).flatten(1)
+        features = self._features(voxels).flatten(1)
         planes = torch.stack([head(features) for head in self.plane_heads], dim=1)
         planes = planes / planes[..., :3].norm(dim=-1, keepdim=True).clamp_min(1e-12)
         if not self.rotation_heads:
             return planes, planes.new_zeros((len(planes), 0, 4))
         quaternions = torch.stack([head(features) for head in self.rotation_heads], dim=1)
         return planes, quaternions / quaternions.norm(dim=-1, keepdim=True).clamp_min(1e-12)
+
+    def _features(self, voxels: Tensor) -> Tensor:
+        if voxels.device.type != "cpu":
+            return self.features(voxels)
+        first = cast(nn.Conv3d, self.features[0])
+        pooled = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias))
+        return self.features[2:](pooled)
 
 
 def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:

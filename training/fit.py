@@ -19,9 +19,10 @@ from torch import Tensor
 
 from model.network import PRSNet
 from training.inputs import draw_inputs, voxels_of
-from training.losses import Losses, combine, reflect, rotate
+from training.losses import Losses, combine, reflections, rotation_matrices
 from training.prepared import PreparedSet
 from training.recipe import OptimizerRecipe, Recipe
+from training.revision import git_revision
 from training.store import ShapeStore
 
 VALIDATION_SHAPES = 512
@@ -55,8 +56,8 @@ def batch_losses(
 ) -> tuple[Losses, Tensor, Tensor]:
     """Draw inputs for ``shapes`` ``(b,)``, run the network, evaluate the loss in the canonical frame.
 
-    The predicted transforms act on the samples in the frame the network was fed with; the transformed points are
-    turned back and looked up in the canonical closest-point grid, so no grid is ever recomputed.
+    The predicted transforms are turned back into the canonical frame and act on the samples there; the transformed
+    points are looked up in the canonical closest-point grid, so no grid is ever recomputed.
 
     Returns:
         the losses, the planes ``(b, p, 4)`` and the quaternions ``(b, r, 4)`` in the fed frame.
@@ -65,16 +66,21 @@ def batch_losses(
     voxels = voxels_of(fed, recipe.network.resolution).contiguous(memory_format=torch.channels_last_3d)
     samples = store.draw_samples(shapes, recipe.loss.samples, generator)
     planes, quaternions = network(voxels)
-    points = pose.apply(samples)
-    transformed = pose.undo(torch.cat([reflect(points, planes), rotate(points, quaternions)], dim=1))
-    heads = transformed.shape[1]
-    closest, occupied = store.closest(shapes, transformed.detach().flatten(1, 2))
-    distances = (transformed.flatten(1, 2) - closest).square().sum(-1)
+    mirrors, shifts = reflections(planes)
+    linear = torch.cat([mirrors, rotation_matrices(quaternions)], dim=1)
+    shift = torch.cat([shifts, quaternions.new_zeros((*quaternions.shape[:2], 3))], dim=1)
+    linear, shift = pose.to_canonical(linear, shift)
+    heads = linear.shape[1]
+    # All heads in one product: the columns are (head, coordinate).
+    columns = linear.permute(0, 3, 1, 2).flatten(2)
+    transformed = torch.baddbmm(shift.flatten(1)[:, None], samples, columns).view(len(shapes), -1, 3)
+    closest = store.closest(shapes, transformed.detach())
+    distances = (transformed - closest).square().sum(-1)
     if not recipe.loss.squared:
         distances = (distances + 1e-12).sqrt()
     if recipe.loss.mask_occupied:
-        distances = distances.masked_fill(occupied, 0.0)
-    distances = distances.unflatten(1, (heads, recipe.loss.samples))
+        distances = distances.masked_fill(store.occupied(transformed.detach(), closest), 0.0)
+    distances = distances.unflatten(1, (recipe.loss.samples, heads))
     losses = combine(distances, planes, quaternions, recipe.loss.regularization, recipe.loss.best_head)
     return losses, planes.detach(), quaternions.detach()
 
@@ -138,7 +144,8 @@ def fit(
     Args:
         recipe: what to train and how; a resumed run must be given the same one.
         prepared: the data.
-        run: folder of the run: recipe, `curve.csv`, `last.pt`, `best.pt` (lowest validation loss).
+        run: folder of the run: `run.json` (recipe and data), `revision`, `curve.csv`, `last.pt`, `best.pt` (lowest
+            validation loss).
         device: ``cuda``, ``cpu``, ...; by default a GPU where there is one.
         log_every: steps between lines of the curve.
         validate_every: steps between validations; also how often `last.pt` is written.
@@ -156,11 +163,14 @@ def fit(
     run = Path(run)
     run.mkdir(parents=True, exist_ok=True)
     torch_device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-    identity = json.dumps({"recipe": recipe.to_dict(), "data": prepared.sha256}, indent=1, sort_keys=True)
+    data = {"manifest_sha256": prepared.sha256, "shapes": len(prepared), "skipped": prepared.manifest["skipped"]}
+    identity = json.dumps({"recipe": recipe.to_dict(), "data": data}, indent=1, sort_keys=True)
     stamp = run / "run.json"
     if stamp.is_file() and stamp.read_text() != identity:
         raise ValueError(f"{run} holds a run of another recipe or other data; choose another folder")
-    stamp.write_text(identity)
+    if not stamp.is_file():
+        stamp.write_text(identity)
+        (run / "revision").write_text(git_revision())
     train_index, validation_index = prepared.split(recipe.validation_share)
     if len(train_index) == 0:
         raise ValueError("the prepared set holds no shape to train on")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from training.losses import rotation_matrices
 from training.meshbatch import MeshBatch, covariances, unit_frames
 from training.raster import voxelize_batch
 from training.recipe import DamageRecipe, InputRecipe
@@ -21,14 +22,13 @@ class Pose:
     center: Tensor
     scale: Tensor
 
-    def apply(self, points: Tensor) -> Tensor:
-        """Canonical points ``(b, n, 3)`` in the frame the network is fed with."""
-        return (points - self.center[:, None]) @ self.rotation.mT / self.scale[:, None, None]
-
-    def undo(self, points: Tensor) -> Tensor:
-        """Back to the canonical frame, ``(b, h, n, 3)``."""
-        turned = points @ self.rotation[:, None]
-        return turned * self.scale[:, None, None, None] + self.center[:, None, None]
+    def to_canonical(self, linear: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
+        """Affine maps of the fed frame, ``(b, h, 3, 3)`` orthogonal and ``(b, h, 3)``, as maps of the canonical frame."""
+        rotation = self.rotation[:, None]
+        linear = rotation.mT @ linear @ rotation
+        moved = (shift[:, :, None] @ rotation)[:, :, 0] * self.scale[:, None, None]
+        center = self.center[:, None, :, None]
+        return linear, moved + self.center[:, None] - (linear @ center)[..., 0]
 
 
 def draw_inputs(
@@ -65,17 +65,6 @@ def uniform_rotations(count: int, generator: torch.Generator, device: torch.devi
     """Rotations uniform on SO(3), ``(count, 3, 3)``: normalised Gaussian quaternions."""
     quaternions = torch.randn((count, 4), generator=generator, device=device)
     return rotation_matrices(quaternions / quaternions.norm(dim=1, keepdim=True))
-
-
-def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """Unit quaternions ``(..., 4)`` as matrices ``(..., 3, 3)``."""
-    w, x, y, z = quaternions.unbind(-1)
-    rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
-    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
 
 
 def rotation_vectors(vectors: Tensor) -> Tensor:

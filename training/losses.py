@@ -6,20 +6,25 @@ import torch
 from torch import Tensor
 
 
-def reflect(points: Tensor, planes: Tensor) -> Tensor:
-    """Reflect points in planes (Eq. 1): ``(b, n, 3)`` in ``(b, h, 4)`` rows ``(n, d)``, ``|n| = 1``: ``(b, h, n, 3)``."""
+def reflections(planes: Tensor) -> tuple[Tensor, Tensor]:
+    """Reflections in planes (Eq. 1) as affine maps ``x -> linear x + shift``.
+
+    ``(b, h, 4)`` rows ``(n, d)`` with ``|n| = 1`` give ``(b, h, 3, 3)`` and ``(b, h, 3)``.
+    """
     normal, offset = planes[..., :3], planes[..., 3:]
-    height = torch.einsum("bnc,bhc->bhn", points, normal) + offset
-    return points[:, None] - 2.0 * height[..., None] * normal[:, :, None]
+    linear = torch.eye(3, device=planes.device) - 2.0 * normal[..., :, None] * normal[..., None, :]
+    return linear, -2.0 * offset * normal
 
 
-def rotate(points: Tensor, quaternions: Tensor) -> Tensor:
-    """Rotate points about axes through the origin (Eq. 2): ``(b, n, 3)`` by unit ``(b, h, 4)``: ``(b, h, n, 3)``."""
-    real, imaginary = quaternions[:, :, None, :1], quaternions[:, :, None, 1:]
-    points = points[:, None].expand(-1, quaternions.shape[1], -1, -1)
-    imaginary = imaginary.expand_as(points)
-    twist = 2.0 * torch.linalg.cross(imaginary, points)
-    return points + real * twist + torch.linalg.cross(imaginary, twist)
+def rotation_matrices(quaternions: Tensor) -> Tensor:
+    """Rotations by unit quaternions ``(..., 4)`` (Eq. 2) as matrices ``(..., 3, 3)``."""
+    w, x, y, z = quaternions.unbind(-1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
 
 
 def regularization(planes: Tensor, quaternions: Tensor) -> Tensor:
@@ -53,14 +58,14 @@ def combine(
     """The overall loss ``L_sd + w_r L_r`` (Eqs. 4 and 8), summed over samples and heads, averaged over the batch.
 
     Args:
-        distances: ``(b, heads, n)``: (squared) distance of every transformed sample, planes first.
+        distances: ``(b, n, heads)``: (squared) distance of every transformed sample, planes first.
         planes: ``(b, p, 4)``.
         quaternions: ``(b, r, 4)``.
         weight: w_r.
         best_head: weight of three times the smallest plane error; 0 in the paper.
     """
-    sums = distances.sum(-1)
-    count, samples = planes.shape[1], distances.shape[-1]
+    sums = distances.sum(1)
+    count, samples = planes.shape[1], distances.shape[1]
     symmetry = sums.sum(1).mean()
     penalty = regularization(planes, quaternions).mean()
     total = symmetry + weight * penalty

@@ -72,29 +72,27 @@ class ShapeStore:
         window = (first + torch.arange(count, device=self.device)) % stored
         return _coordinates(self.samples[shapes[:, None], window])
 
-    def closest(self, shapes: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Look up the grid's closest surface point for canonical ``points`` ``(b, m, 3)``.
+    def closest(self, shapes: Tensor, points: Tensor) -> Tensor:
+        """The grid's closest surface point for canonical ``points`` ``(b, m, 3)``: ``(b, m, 3)``.
 
-        Returns:
-            closest: ``(b, m, 3)``, a constant for the gradient (section 4.1).
-            occupied: ``(b, m)``, whether the point's voxel is one the surface passes through, judged by its
-                centre's distance: at most half a voxel's diagonal.
+        It belongs to the centre of the voxel a point falls into, and is a constant for the gradient (section 4.1).
         """
-        resolution = self.grid
-        with torch.no_grad():
-            cell = ((points + 0.5) * resolution).long().clamp(0, resolution - 1)
-            flat = (cell[..., 0] * resolution + cell[..., 1]) * resolution + cell[..., 2]
-            if self._mapped is None:
-                found = _coordinates(self._closest.view(-1, 3)[shapes[:, None] * resolution**3 + flat])
-            else:
-                lookups = [
-                    self._mapped[self._shard_of[shape]][self._row_of[shape]][index]
-                    for shape, index in zip(shapes.tolist(), flat.numpy(), strict=True)
-                ]
-                found = torch.from_numpy(dequantise(np.stack(lookups)))
-            centre = (cell + 0.5) / resolution - 0.5
-            occupied = (found - centre).square().sum(-1) <= 0.75 / resolution**2
-        return found, occupied
+        cell = self._cells(points)
+        flat = (cell[..., 0] * self.grid + cell[..., 1]) * self.grid + cell[..., 2]
+        if self._mapped is None:
+            return _coordinates(self._closest.view(-1, 3)[shapes[:, None] * self.grid**3 + flat])
+        found = np.empty((*flat.shape, 3), dtype=np.uint16)
+        for row, (shape, index) in enumerate(zip(shapes.tolist(), flat.numpy(), strict=True)):
+            np.take(self._mapped[self._shard_of[shape]][self._row_of[shape]], index, axis=0, out=found[row], mode="clip")
+        return torch.from_numpy(dequantise(found))
+
+    def occupied(self, points: Tensor, closest: Tensor) -> Tensor:
+        """Whether each point's voxel holds surface, judged by its centre: closer than half a voxel's diagonal, ``(b, m)``."""
+        centre = (self._cells(points) + 0.5) / self.grid - 0.5
+        return (closest - centre).square().sum(-1) <= 0.75 / self.grid**2
+
+    def _cells(self, points: Tensor) -> Tensor:
+        return ((points + 0.5) * self.grid).long().clamp_(0, self.grid - 1)
 
     def _derive(self, progress: Callable[[int, int], None] | None) -> None:
         generator = torch.Generator(self.device).manual_seed(0)

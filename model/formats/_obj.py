@@ -1,0 +1,157 @@
+"""OBJ: positions and faces of all objects and groups; materials and everything else are ignored, no file is opened."""
+
+import numpy as np
+
+from model._jit import jit, jit_inline
+from model.errors import UnreadableMeshError
+from model.formats._common import Limits, RawMesh
+from model.formats._text import as_bytes, parse_number
+from model.types import ByteArray, FloatArray, IntArray
+
+_FAULTS = {
+    1: "The OBJ file has a vertex without three numbers.",
+    2: "The OBJ file has a face that is not understood.",
+    3: "The OBJ file has a face that refers to vertex number 0; they count from 1.",
+}
+
+
+def read_obj(data: bytes, limits: Limits) -> RawMesh:
+    """Polygons become fans; negative indices count back from the latest vertex."""
+    raw = as_bytes(data)
+    if b"\0" in data[:4096]:
+        raise UnreadableMeshError("The OBJ file is not text.")
+    vertex_count, face_count = _count(raw)
+    limits.check(vertex_count, face_count)
+    vertices = np.empty((vertex_count, 3))
+    faces = np.empty((face_count, 3), dtype=np.int32)
+    fault = _read(raw, vertices, faces)
+    if fault:
+        raise UnreadableMeshError(_FAULTS[fault])
+    return RawMesh(vertices, faces)
+
+
+@jit_inline
+def _blanks(data: ByteArray, at: int) -> int:
+    """The next word of the line, or the line's end; a backslash before the line break continues the line."""
+    end = data.shape[0]
+    while at < end:
+        byte = data[at]
+        if byte == 32 or byte == 9 or byte == 13 or byte == 11 or byte == 12:
+            at += 1
+        elif byte == 92 and at + 1 < end and data[at + 1] == 10:
+            at += 2
+        elif byte == 92 and at + 2 < end and data[at + 1] == 13 and data[at + 2] == 10:
+            at += 3
+        else:
+            break
+    return at
+
+
+@jit_inline
+def _line_end(data: ByteArray, at: int) -> int:
+    """The place after the line's break."""
+    end = data.shape[0]
+    while at < end:
+        if data[at] == 10:
+            # A comment or a material name may end in a backslash too: then the next line is part of it.
+            continued = at > 0 and (data[at - 1] == 92 or (data[at - 1] == 13 and at > 1 and data[at - 2] == 92))
+            if not continued:
+                return at + 1
+        at += 1
+    return at
+
+
+@jit_inline
+def _keyword(data: ByteArray, at: int) -> int:
+    """1 for a vertex, 2 for a face, 0 for any other line."""
+    if at + 1 < data.shape[0] and (data[at + 1] == 32 or data[at + 1] == 9 or data[at + 1] == 92):
+        if data[at] == 118:
+            return 1
+        if data[at] == 102:
+            return 2
+    return 0
+
+
+@jit_inline
+def _ends(data: ByteArray, at: int) -> bool:
+    """Whether the line, or what counts of it, ends here."""
+    return at >= data.shape[0] or data[at] == 10 or data[at] == 35
+
+
+@jit
+def _count(data: ByteArray) -> tuple[int, int]:
+    """Vertices and triangles."""
+    at, vertices, faces = 0, 0, 0
+    while at < data.shape[0]:
+        at = _blanks(data, at)
+        kind = _keyword(data, at)
+        if kind == 1:
+            vertices += 1
+        elif kind == 2:
+            corners = 0
+            at = _blanks(data, at + 1)
+            while not _ends(data, at):
+                corners += 1
+                at = _blanks(data, _word_end(data, at))
+            faces += max(corners - 2, 0)
+        at = _line_end(data, at)
+    return vertices, faces
+
+
+@jit_inline
+def _word_end(data: ByteArray, at: int) -> int:
+    while at < data.shape[0] and data[at] > 32 and data[at] != 35:
+        if data[at] == 92:  # only a line break makes it more than a character
+            after = _blanks(data, at)
+            if after > at:
+                return at
+        at += 1
+    return at
+
+
+@jit
+def _read(data: ByteArray, vertices: FloatArray, faces: IntArray) -> int:
+    """Fill vertices and faces; 0, or the number of a fault."""
+    at, vertex, face = 0, 0, 0
+    end = data.shape[0]
+    while at < end:
+        at = _blanks(data, at)
+        kind = _keyword(data, at)
+        if kind == 1:
+            at += 1
+            for axis in range(3):
+                at = _blanks(data, at)
+                value, after = parse_number(data, at, end)
+                if after == at or after != _word_end(data, after):
+                    return 1
+                vertices[vertex, axis] = value
+                at = after
+            vertex += 1
+        elif kind == 2:
+            first, previous, corners = 0, 0, 0
+            at = _blanks(data, at + 1)
+            while not _ends(data, at):
+                negative = data[at] == 45
+                at += negative
+                index, digits = 0, 0
+                while at < end and 48 <= data[at] <= 57:
+                    index = min(index * 10 + int(data[at] - 48), 1 << 31)
+                    digits += 1
+                    at += 1
+                if digits == 0 or (at < end and data[at] > 32 and data[at] != 47 and data[at] != 35 and data[at] != 92):
+                    return 2
+                if index == 0:
+                    return 3
+                # Out of range becomes -1, which no mesh accepts.
+                index = vertex - index if negative else index - 1
+                index = index if 0 <= index < vertices.shape[0] else -1
+                at = _blanks(data, _word_end(data, at))  # passes over /texture/normal
+                if corners == 0:
+                    first = index
+                elif corners >= 2:
+                    faces[face, 0], faces[face, 1], faces[face, 2] = first, previous, index
+                    face += 1
+                previous = index
+                corners += 1
+        at = _line_end(data, at)
+    return 0

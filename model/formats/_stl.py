@@ -1,0 +1,89 @@
+"""STL, binary and ASCII, told apart by content: a binary file may start with the word "solid" too."""
+
+import numpy as np
+
+from model._jit import jit, jit_inline
+from model.errors import UnreadableMeshError
+from model.formats._common import Limits, RawMesh
+from model.formats._text import as_bytes, parse_number
+from model.types import ByteArray, FloatArray
+
+_HEADER = 84
+_RECORD = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
+
+
+def read_stl(data: bytes, limits: Limits) -> RawMesh:
+    """Three vertices a triangle, in file order; the stored normals are not read."""
+    if is_binary_stl(data):
+        count = int.from_bytes(data[80:84], "little")
+        limits.check(3 * count, count)
+        records = np.frombuffer(data, _RECORD, count, _HEADER)
+        vertices = records["corners"].astype(np.float64).reshape(-1, 3)
+    elif is_ascii_stl(data):
+        raw = as_bytes(data)
+        count = _count_vertices(raw)
+        limits.check(count, count // 3)
+        vertices = np.empty((count, 3))
+        if not _read_vertices(raw, vertices):
+            raise UnreadableMeshError("The STL file has a vertex without three numbers.")
+        if count % 3:
+            raise UnreadableMeshError("The STL file ends inside a triangle.")
+    else:
+        raise UnreadableMeshError("The STL file is shorter than its header says.")
+    return RawMesh(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Whether the triangle count fits the length; more bytes than needed are tolerated unless it looks like text."""
+    if len(data) < _HEADER:
+        return False
+    needed = _HEADER + _RECORD.itemsize * int.from_bytes(data[80:84], "little")
+    return len(data) == needed or (len(data) > needed > _HEADER and not is_ascii_stl(data))
+
+
+def is_ascii_stl(data: bytes) -> bool:
+    """Whether the text begins with "solid" and goes on like an STL file."""
+    start = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+    if not start.startswith(b"solid") or b"\0" in data[:1024]:
+        return False
+    return b"facet" in start or b"endsolid" in data.lower() or b"facet" in data.lower()
+
+
+@jit_inline
+def _is_vertex(data: ByteArray, at: int) -> bool:
+    """Whether the word "vertex" stands at a place with blanks around it."""
+    if at + 7 > data.shape[0] or data[at] | 32 != 118 or data[at + 6] > 32 or (at > 0 and data[at - 1] > 32):
+        return False
+    return (
+        data[at + 1] | 32 == 101
+        and data[at + 2] | 32 == 114
+        and data[at + 3] | 32 == 116
+        and data[at + 4] | 32 == 101
+        and data[at + 5] | 32 == 120
+    )
+
+
+@jit
+def _count_vertices(data: ByteArray) -> int:
+    count = 0
+    for at in range(data.shape[0]):
+        count += _is_vertex(data, at)
+    return count
+
+
+@jit
+def _read_vertices(data: ByteArray, vertices: FloatArray) -> bool:
+    at, end = 0, data.shape[0]
+    for vertex in range(vertices.shape[0]):
+        while not _is_vertex(data, at):
+            at += 1
+        at += 6
+        for axis in range(3):
+            while at < end and data[at] <= 32:
+                at += 1
+            value, after = parse_number(data, at, end)
+            if after == at or (after < end and data[after] > 32):
+                return False
+            vertices[vertex, axis] = value
+            at = after
+    return True

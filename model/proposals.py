@@ -1,0 +1,83 @@
+"""What the network proposes for a shape: frames in, one forward pass or several, planes and rotations in the unit frame."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from model.checkpoint import Checkpoint
+from model.frames import inertia_frame
+from model.network import axis_angle
+from model.transforms import sign_free_mean
+from model.types import FloatArray, IntArray
+from model.voxels import voxelize
+
+_SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
+_SAME_DIRECTION = float(np.cos(np.pi / 4))
+
+
+@dataclass(frozen=True, slots=True)
+class Proposals:
+    """Raw network output in the unit frame: ``planes`` ``(p, 4)`` rows ``(n, d)``, ``directions`` ``(r, 3)``, ``angles`` ``(r,)``."""
+
+    planes: FloatArray
+    directions: FloatArray
+    angles: FloatArray
+
+
+def input_rotation(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """The rotation ``(3, 3)`` from the unit frame to the frame the network is fed with first."""
+    if checkpoint.input.frame == "unit":
+        return np.eye(3)
+    return inertia_frame(vertices, faces)[0]
+
+
+def fed_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> Tensor:
+    """The turned shape as network input ``(1, 1, R, R, R)``."""
+    turned = np.ascontiguousarray(vertices @ rotation.T)
+    occupied = voxelize(turned, faces, checkpoint.network.architecture.resolution)
+    return torch.from_numpy(occupied.astype(np.float32))[None, None]
+
+
+def predict(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray) -> Proposals:
+    """One pass: the network on ``voxels`` (averaged over sign frames where the weights ask for it), in the unit frame."""
+    signs = _SIGNS[: checkpoint.input.sign_frames]
+    batch = torch.cat([torch.flip(voxels, [axis + 2 for axis in range(3) if sign[axis] < 0]) for sign in signs])
+    with torch.inference_mode():
+        planes, quaternions = (output.double() for output in checkpoint.network(batch))
+    flips = torch.from_numpy(signs)[:, None]
+    planes[..., :3] *= flips
+    # A mirrored copy turns the other way round: the axis is a pseudovector.
+    quaternions[..., 1:] *= flips * flips.prod(-1, keepdim=True)
+    mean_planes = np.stack([_mean_plane(head) for head in planes.transpose(0, 1).numpy()])
+    heads = quaternions.transpose(0, 1).numpy()
+    mean_turns = np.stack([sign_free_mean(head) for head in heads]) if len(heads) else np.zeros((0, 4))
+    directions, angles = axis_angle(torch.from_numpy(mean_turns))
+    mean_planes[:, :3] = mean_planes[:, :3] @ rotation
+    return Proposals(mean_planes, directions.numpy() @ rotation, angles.numpy())
+
+
+def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:
+    """The frame of the predicted normals, made orthonormal: where the next pass looks from.
+
+    Heads that nearly coincide span no frame; then the one before stays.
+    """
+    normals = proposals.planes[:, :3]
+    if len(normals) < 3 or abs(np.linalg.det(normals)) < 0.2:
+        return rotation
+    left, _, right = np.linalg.svd(normals)
+    turned = left @ right
+    if np.linalg.det(turned) < 0:
+        turned[2] *= -1.0
+    return turned
+
+
+def _mean_plane(planes: FloatArray) -> FloatArray:
+    """Mean of one head's planes ``(k, 4)`` over sign frames. Outliers (a head that switched planes) are left out."""
+    agree = np.abs(planes[:, :3] @ planes[0, :3]) > _SAME_DIRECTION
+    planes = planes[agree]
+    normal = sign_free_mean(planes[:, :3])
+    offset = float(np.mean(np.sign(planes[:, :3] @ normal) * planes[:, 3]))
+    return np.append(normal, offset)

@@ -1,0 +1,83 @@
+"""Exact distances to a surface, on which every symmetry error rests (the paper, Section 3.4)."""
+
+import numpy as np
+
+from model._bvh import FANOUT, LANES, build
+from model._bvh_query import closest_points, morton_order, pack, search
+from model._bvh_references import references
+from model._jit import kernel_array
+from model.types import AnyArray, FloatArray, IntArray
+
+
+class SurfaceIndex:
+    """Closest-point queries against a triangle mesh of any quality.
+
+    Distances are exact up to rounding relative to the size of the closest triangle: no grid, no sampling. Slivers,
+    faces without area, duplicates and separate bodies are fine. Queries run with the GIL released and may run in
+    several threads at once. Coordinates in any one frame; squared distances in the square of its unit.
+    """
+
+    def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
+        """Build the tree.
+
+        Args:
+            vertices: (v, 3) finite coordinates; those no face uses are ignored.
+            faces: (f, 3) vertex indices, at least one face.
+        """
+        vertices, faces = kernel_array(vertices, np.float64), kernel_array(faces, np.int32)
+        if faces.shape[0] == 0:
+            raise ValueError("a surface needs at least one face")
+        boxes, sources = references(vertices, faces)
+        self._boxes, self._children, leaves = build(boxes, sources)
+        self._frames, self._owners = pack(vertices, faces, sources, leaves)
+
+    def closest(self, points: FloatArray, bound: float = np.inf) -> tuple[FloatArray, FloatArray, IntArray]:
+        """The closest point of the surface to each point.
+
+        Args:
+            points: (n, 3) finite coordinates.
+            bound: surface at this distance or farther is not looked for.
+
+        Returns:
+            (n, 3) closest points, (n,) squared distances, (n,) int32 face indices; NaN, infinity and -1 where there is
+            no surface within the bound.
+        """
+        points = kernel_array(points, np.float64)
+        squared, lanes, _ = self._search(points, bound * bound, np.inf)
+        found = np.empty((len(points), 3))
+        closest_points(points, lanes, self._frames, found)
+        return found, squared, np.where(lanes >= 0, self._owners[lanes], np.int32(-1))
+
+    def squared_distances(self, points: FloatArray) -> FloatArray:
+        """(n,) squared distances of (n, 3) points from the surface."""
+        return self._search(kernel_array(points, np.float64), np.inf, np.inf)[0]
+
+    def mean_squared_distance(self, points: FloatArray, stop_above: float = np.inf) -> float:
+        """Mean squared distance of (n, 3) points: the symmetry error, when they are transformed surface samples.
+
+        Returns infinity as soon as the sum over a part of the points proves the mean to exceed ``stop_above``, and the
+        exact mean otherwise.
+        """
+        count = len(points)
+        if count == 0:
+            raise ValueError("the mean needs at least one point")
+        total = self._search(kernel_array(points, np.float64), np.inf, stop_above * count)[2]
+        return np.inf if total > stop_above * count else total / count
+
+    def _search(self, points: FloatArray, bound: float, stop_above: float) -> tuple[FloatArray, AnyArray, float]:
+        squared = np.empty(len(points))
+        lanes = np.empty(len(points), dtype=np.int64)
+        total = search(
+            points,
+            morton_order(points),
+            self._boxes,
+            self._children,
+            self._frames,
+            float(bound),
+            float(stop_above),
+            np.empty(FANOUT),
+            np.empty(LANES),
+            squared,
+            lanes,
+        )
+        return squared, lanes, total

@@ -1,0 +1,52 @@
+"""Reflections and rotations as arrays: applied to points, and as 4 x 4 matrices for clients."""
+
+import numpy as np
+
+from model.types import FloatArray
+
+
+def reflect(points: FloatArray, plane: FloatArray) -> FloatArray:
+    """Reflect points ``(n, 3)`` in a plane ``(n, d)`` ``(4,)`` with unit normal (paper, Eq. 1)."""
+    normal = plane[:3]
+    return points - 2.0 * (points @ normal + plane[3])[:, None] * normal
+
+
+def rotation_matrix(direction: FloatArray, angle: float) -> FloatArray:
+    """Rotation ``(3, 3)`` about a unit ``direction`` ``(3,)`` through the origin by ``angle`` radians (Rodrigues)."""
+    x, y, z = direction
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
+def reflection_homogeneous(plane: FloatArray) -> FloatArray:
+    """The reflection in a plane ``(n, d)`` as a ``(4, 4)`` matrix that acts on column vectors."""
+    normal = plane[:3]
+    matrix = np.eye(4)
+    matrix[:3, :3] -= 2.0 * np.outer(normal, normal)
+    matrix[:3, 3] = -2.0 * plane[3] * normal
+    return matrix
+
+
+def rotation_homogeneous(direction: FloatArray, point: FloatArray, angle: float) -> FloatArray:
+    """The rotation about the axis through ``point`` as a ``(4, 4)`` matrix that acts on column vectors."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_matrix(direction, angle)
+    matrix[:3, 3] = point - matrix[:3, :3] @ point
+    return matrix
+
+
+def canonical_sign(vector: FloatArray) -> float:
+    """1.0 or -1.0, whichever makes the first component that is not zero (to 1e-12) positive."""
+    for component in vector[:3]:
+        if abs(component) > 1e-12:
+            return 1.0 if component > 0 else -1.0
+    return 1.0
+
+
+def sign_free_mean(vectors: FloatArray) -> FloatArray:
+    """Mean direction of unit vectors ``(k, c)`` whose signs mean nothing: ``(c,)``, the first one's sign.
+
+    It is the eigenvector of the largest eigenvalue of the sum of outer products.
+    """
+    mean = np.linalg.eigh(vectors.T @ vectors)[1][:, -1]
+    return mean if mean @ vectors[0] >= 0 else -mean

@@ -1,0 +1,211 @@
+"""Command line: `python -m training prepare | fit | export | evaluate | shapes`.
+
+Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Train PRS-Net on your own meshes and judge the result."
+)
+
+Verbose = Annotated[bool, typer.Option("--progress/--no-progress", help="Show a progress bar.")]
+
+
+@app.command()
+def prepare(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; ShapeNetCore.v2's layout is recognised.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Where the prepared set goes.")],
+    samples: Annotated[int, typer.Option(min=1000, help="Surface samples stored a shape.")] = 4096,
+    resolution: Annotated[int, typer.Option(help="Edge of the voxel and closest-point grids.")] = 32,
+    mesh_only: Annotated[
+        bool, typer.Option(help="Leave out what `fit` can derive: a tenth of the size, to travel to another machine.")
+    ] = False,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Turn folders of meshes into packed arrays. Call it again to resume."""
+    from training.prepare import Options, prepare as run
+
+    try:
+        summary = run(folders, out, Options(resolution, samples, mesh_only), workers, progress)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(f"{summary.shapes} shapes prepared, {summary.skipped} skipped ({out / 'skipped.csv'})")
+    typer.echo(f"data manifest {summary.sha256}")
+
+
+@app.command()
+def fit(
+    prepared: Annotated[Path, typer.Argument(help="A prepared set.")],
+    run: Annotated[Path, typer.Option("--run", "-r", help="Folder of the run; an interrupted run is resumed.")],
+    recipe: Annotated[str, typer.Option(help="A shipped recipe (default, paper) or a TOML file.")] = "default",
+    device: Annotated[str | None, typer.Option(help="cuda, cpu, ...; a GPU if there is one.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
+    threads: Annotated[int, typer.Option(min=1, help="CPU threads of torch.")] = 1,
+    max_minutes: Annotated[float | None, typer.Option(help="Stop after this long, to be resumed.")] = None,
+    tensorboard: Annotated[bool, typer.Option(help="Write TensorBoard curves beside the CSV.")] = True,
+    progress: Verbose = True,
+) -> None:
+    """Train a network. Needs torch and numpy alone, beside this command line."""
+    import torch
+
+    from training.fit import Progress, fit as train
+    from training.prepared import PreparedSet
+    from training.recipe import Recipe
+
+    torch.set_num_threads(threads)
+    try:
+        chosen = Recipe.load(recipe)
+        if steps is not None:
+            chosen = chosen.replace(optimizer={"steps": steps})
+        if seed is not None:
+            chosen = chosen.replace(seed=seed)
+        data = PreparedSet(prepared)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress)
+    try:
+        best = train(
+            chosen,
+            data,
+            run,
+            device=device,
+            max_seconds=None if max_minutes is None else 60.0 * max_minutes,
+            on_progress=on_progress,
+            on_derive=on_derive,
+            writer=_tensorboard(run) if tensorboard else None,
+        )
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    finally:
+        if bar is not None:
+            bar.close()
+    typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
+    _ = Progress
+
+
+@app.command()
+def export(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .safetensors file to write; its .json goes beside it.")],
+    name: Annotated[str | None, typer.Option(help="Name of the weights; the recipe's by default.")] = None,
+    metrics: Annotated[
+        list[Path] | None, typer.Option(help="JSON files written by `evaluate --json`, kept in the metadata.")
+    ] = None,
+    checkpoint: Annotated[str, typer.Option(help="best or last")] = "best",
+) -> None:
+    """Turn a training checkpoint into weights the service loads."""
+    from training.export import export_run
+
+    try:
+        export_run(run, out, name=name, metrics=metrics or [], which=checkpoint)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(f"wrote {out} and {out.with_suffix('.json')}")
+
+
+@app.command()
+def evaluate(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes, or of shapes with ground_truth.json.")],
+    weights: Annotated[list[str] | None, typer.Option(help="Weights to judge; may be repeated.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
+    damage: Annotated[str, typer.Option(help="clean, or partial: a ball of triangles removed before detection.")] = "clean",
+    seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    reference: Annotated[
+        Path | None, typer.Option(help="Cache of reference planes; found once by a slow search, then reused.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")] = None,
+    progress: Verbose = True,
+) -> None:
+    """Judge weights beside PCA and the untrained network: exact distances, random poses, one table."""
+    from training.evaluate import evaluate as run, render
+
+    try:
+        report = run(
+            folders,
+            weights or ["default", "paper"],
+            limit=limit,
+            damage=damage,
+            seed=seed,
+            workers=workers,
+            reference=reference,
+            progress=progress,
+        )
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(render(report))
+    if json_file is not None:
+        import json
+
+        json_file.write_text(json.dumps(report, indent=1) + "\n")
+
+
+@app.command()
+def shapes(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the PLY files and ground_truth.json.")],
+    count: Annotated[int, typer.Option(min=1)] = 100,
+    seed: Annotated[int, typer.Option()] = 0,
+) -> None:
+    """Write procedural shapes with known symmetries: to train, test and demonstrate without any data at hand."""
+    from training.shapes import write_shapes
+
+    write_shapes(out, count, seed)
+    typer.echo(f"wrote {count} shapes to {out}")
+
+
+@app.command()
+def curve(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="PNG or SVG to write.")],
+) -> None:
+    """Draw the training curves of runs."""
+    from training.curve import draw_curves
+
+    draw_curves(runs, out)
+    typer.echo(f"wrote {out}")
+
+
+def _bars(steps: int, shown: bool) -> tuple[Any, Any, Any]:
+    """A progress bar where tqdm is installed (it is not on a bare GPU machine), plain lines elsewhere."""
+    if not shown:
+        return None, None, None
+    try:
+        from tqdm import tqdm
+    except ImportError:
+
+        def line(progress: Any) -> None:
+            typer.echo(
+                f"step {progress.step}/{progress.steps}  loss {progress.loss:.4f}  "
+                f"{progress.samples_per_second:.0f} samples/s  {progress.seconds_left / 60:.1f} min left"
+            )
+
+        return None, line, None
+    bar = tqdm(total=steps, unit="step")
+
+    def update(progress: Any) -> None:
+        bar.update(progress.step - bar.n)
+        bar.set_postfix(loss=f"{progress.loss:.3f}", samples_per_second=f"{progress.samples_per_second:.0f}")
+
+    def derive(done: int, total: int) -> None:
+        bar.set_description(f"closest-point grids {done}/{total}" if done < total else "")
+
+    return bar, update, derive
+
+
+def _tensorboard(run: Path) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        typer.echo("TensorBoard is not installed; the curve goes to curve.csv alone.", err=True)
+        return None
+    return SummaryWriter(str(run / "tensorboard"))
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,26 @@
+"""What the network is measured against: planes from classical methods, in the unit frame."""
+
+import numpy as np
+
+from model.checkpoint import Checkpoint, InputSpec
+from model.frames import inertia_frame
+from model.network import Architecture, PRSNet
+from model.types import FloatArray, IntArray
+
+
+def pca_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """PCA: the three planes through the centroid perpendicular to the principal axes of the surface.
+
+    The covariance is the exact integral over the triangles. ``vertices`` ``(v, 3)`` in the unit frame; returns
+    ``(3, 4)`` rows ``(n, 0)``.
+    """
+    return np.hstack([inertia_frame(vertices, faces)[0], np.zeros((3, 1))])
+
+
+def untrained(spec: InputSpec) -> Checkpoint:
+    """The paper's network before training, fed as ``spec`` says: what the initialisation alone is worth.
+
+    Its planes are the coordinate planes of the frame it is fed with; in the inertia frame that is PCA.
+    """
+    network = PRSNet(Architecture()).eval().requires_grad_(False)
+    return Checkpoint(network, spec, {"name": "untrained", "version": "", "sha256": ""})
