@@ -20,7 +20,7 @@ def voxel_centres(resolution: int, device: torch.device) -> Tensor:
 
 
 def flood_closest(points: Tensor, resolution: int) -> Tensor:
-    """Nearest sample to the centre of every voxel, up to jump flooding's rare near-misses.
+    """Nearly the nearest sample to the centre of every voxel: one sample a voxel takes part, within its edge of the best.
 
     Args:
         points: ``(b, n, 3)`` float, surface samples in the unit frame.
@@ -33,9 +33,13 @@ def flood_closest(points: Tensor, resolution: int) -> Tensor:
     centres = voxel_centres(resolution, points.device)
     cell = ((points + 0.5) * resolution).long().clamp(0, resolution - 1)
     flat = (cell[..., 0] * resolution + cell[..., 1]) * resolution + cell[..., 2]
-    # Seeds: where several samples share a voxel the last one written stands; flooding compares it anyway.
+    # Of the samples that share a voxel, the one nearest to its centre is the seed.
+    reach = (points - centres[flat]).square().sum(-1)
+    least = torch.full((size, resolution**3), torch.inf, device=points.device).scatter_reduce(1, flat, reach, "amin")
+    winner = reach == least.gather(1, flat)
     nearest = torch.full((size, resolution**3), -1, dtype=torch.long, device=points.device)
-    nearest.scatter_(1, flat, torch.arange(count, device=points.device).expand(size, -1))
+    rank = torch.where(winner, torch.arange(count, device=points.device), -1)
+    nearest = nearest.scatter_reduce(1, flat, rank, "amax")
     distance = _distances(points, nearest, centres)
     strides = [2**k for k in reversed(range(resolution.bit_length() - 1))]
     for stride in [*strides, 1]:

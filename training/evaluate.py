@@ -23,12 +23,13 @@ from model.formats import read_mesh
 from model.frames import UnitFrame
 from model.sampling import sample_surface
 from model.surface import SurfaceIndex
-from model.transforms import reflect, rotation_matrix
+from model.transforms import reflect
 from model.types import FloatArray, IntArray
 from model.validation import MAX_ERROR
 from training.baselines import pca_planes, untrained
 from training.prepare import SourceFile, find_meshes
 from training.reference import clear_planes
+from training.solids import random_rotation
 
 JUDGE_SAMPLES = 1500
 _JUDGE_SEED = 7919
@@ -188,14 +189,6 @@ def cut_ball(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) ->
         if kept.sum() >= max(4, 0.3 * len(faces)):
             return np.ascontiguousarray(faces[kept])
     return faces
-
-
-def random_rotation(rng: np.random.Generator) -> FloatArray:
-    """A rotation uniform on SO(3), ``(3, 3)``."""
-    w, *imaginary = rng.standard_normal(4)
-    direction = np.array(imaginary)
-    length = float(np.linalg.norm(direction))
-    return rotation_matrix(direction / length, 2.0 * float(np.arctan2(length, w)))
 
 
 def summarise(results: Sequence[ShapeResult], weights: Sequence[str], damage: str) -> dict[str, Any]:

@@ -1,0 +1,91 @@
+"""The network is the paper's, and its sparse first block changes nothing but the time."""
+
+import numpy as np
+import pytest
+import torch
+
+from model.network import Architecture, PRSNet, axis_angle
+from model.sparse_block import convolve_and_pool
+from model.voxels import voxelize
+from tests.shapes import box
+
+
+def surface_voxels(resolution: int, count: int = 3) -> torch.Tensor:
+    grids = []
+    for size in range(count):
+        mesh = box(0.3 + 0.2 * size, 0.6, 0.9)
+        grids.append(voxelize(mesh.vertices, mesh.faces, resolution))
+    return torch.from_numpy(np.stack(grids)).unsqueeze(1).float()
+
+
+def test_parameter_count_is_the_papers():
+    assert sum(p.numel() for p in PRSNet().parameters()) == 89_728
+
+
+@pytest.mark.parametrize("resolution", [2, 8, 16, 32, 64])
+def test_any_power_of_two_gives_log2_blocks(resolution: int):
+    network = PRSNet(Architecture(resolution=resolution)).eval()
+    blocks = sum(isinstance(module, torch.nn.Conv3d) for module in network.features)
+    assert 2**blocks == resolution
+    planes, quaternions = network(surface_voxels(resolution))
+    assert planes.shape == quaternions.shape == (3, 3, 4)
+
+
+@pytest.mark.parametrize("resolution", [0, 1, 24, 33])
+def test_other_resolutions_are_refused(resolution: int):
+    with pytest.raises(ValueError, match="power of two"):
+        Architecture(resolution=resolution)
+
+
+def test_starts_at_perpendicular_planes_and_half_turns():
+    torch.manual_seed(0)
+    planes, quaternions = PRSNet().eval()(surface_voxels(32))
+    assert torch.equal(planes, torch.eye(3, 4).expand(3, 3, 4))
+    directions, angles = axis_angle(quaternions)
+    assert (directions.diagonal(dim1=1, dim2=2).abs() > 0.9).all()
+    assert (angles > 0.9 * torch.pi).all()
+
+
+def test_outputs_are_normalised():
+    torch.manual_seed(1)
+    network = PRSNet(Architecture(width=2, batch_norm=True)).eval()
+    for head in network.plane_heads:
+        torch.nn.init.normal_(head[-1].weight)
+    planes, quaternions = network(surface_voxels(32))
+    torch.testing.assert_close(planes[..., :3].norm(dim=-1), torch.ones(3, 3))
+    torch.testing.assert_close(quaternions.norm(dim=-1), torch.ones(3, 3))
+
+
+@pytest.mark.parametrize("filling", [0.0, 0.001, 0.03, 1.0])
+@pytest.mark.parametrize("resolution", [2, 8, 32])
+def test_sparse_block_equals_convolution_and_pooling(filling: float, resolution: int):
+    generator = torch.Generator().manual_seed(int(1000 * filling) + resolution)
+    voxels = (torch.rand((3, 1, *[resolution] * 3), generator=generator) < filling).float()
+    sparse, dense = torch.nn.Conv3d(1, 5, 3, padding=1), torch.nn.Conv3d(1, 5, 3, padding=1)
+    dense.load_state_dict(sparse.state_dict())
+    ours = convolve_and_pool(voxels, sparse.weight, sparse.bias)
+    theirs = torch.nn.functional.max_pool3d(dense(voxels), 2)
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
+    if 0.0 < filling < 1.0:  # elsewhere many positions tie for the maximum, and share the gradient differently
+        weights = torch.rand(theirs.shape, generator=generator)
+        (ours * weights).sum().backward()
+        (theirs * weights).sum().backward()
+        torch.testing.assert_close(sparse.bias.grad, dense.bias.grad, atol=1e-3, rtol=1e-4)
+
+
+def test_axis_angle_returns_what_built_the_quaternion():
+    rng = np.random.default_rng(2)
+    axes = rng.normal(size=(50, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    angles = rng.uniform(0.01, np.pi - 0.01, 50)
+    quaternions = np.hstack([np.cos(angles / 2)[:, None], np.sin(angles / 2)[:, None] * axes])
+    for sign in (1.0, -1.0):
+        found_axes, found_angles = axis_angle(torch.from_numpy(sign * quaternions))
+        np.testing.assert_allclose(found_angles, angles, atol=1e-12)
+        np.testing.assert_allclose(found_axes, axes, atol=1e-12)
+
+
+def test_axis_angle_of_the_identity_is_no_turn():
+    axis, angle = axis_angle(torch.tensor([1.0, 0.0, 0.0, 0.0]))
+    assert angle == 0.0
+    assert axis.norm() == 1.0

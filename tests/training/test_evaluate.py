@@ -1,0 +1,122 @@
+"""Export and evaluation: the figures are the geometry's, and a trained run becomes weights the service loads."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from model.frames import UnitFrame
+from model.surface import SurfaceIndex
+from model.transforms import reflect
+from tests.shapes import as_mesh, box, known
+from training.__main__ import app
+from training.baselines import pca_planes
+from training.evaluate import PCA, UNTRAINED, cut_ball, evaluate, render
+from training.fit import fit
+from training.prepared import PreparedSet
+from training.recipe import Recipe
+from training.reference import clear_planes, hemisphere
+
+RECIPE = Recipe.from_dict({
+    "name": "short",
+    "network": {"resolution": 16, "batch_norm": True},
+    "input": {"frame": "inertia"},
+    "loss": {"samples": 200},
+    "optimizer": {"steps": 2, "batch": 8},
+    "inference": {"passes": 2, "sign_frames": 8},
+})  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def exported(prepared: PreparedSet, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("export")
+    fit(RECIPE, prepared, root / "run", device="cpu")
+    figures = root / "figures.json"
+    figures.write_text('{"methods": {"x": 1}}')
+    result = CliRunner().invoke(
+        app, ["export", str(root / "run"), "-o", str(root / "mine.safetensors"), "--name", "mine", "--metrics", str(figures)]
+    )
+    assert result.exit_code == 0, result.output
+    return root / "mine.safetensors"
+
+
+def test_export_keeps_the_whole_record(exported: Path, prepared: PreparedSet):
+    record = json.loads(exported.with_suffix(".json").read_text())
+    assert record["name"] == "mine"
+    assert Recipe.from_dict(record["recipe"]) == RECIPE
+    assert record["data"] == {"manifest_sha256": prepared.sha256, "shapes": 96, "skipped": 0}
+    assert record["input"] == {"frame": "inertia", "passes": 2, "sign_frames": 8}
+    assert record["metrics"]["figures"] == {"methods": {"x": 1}}
+    assert record["metrics"]["training"]["step"] == 2
+
+
+def test_export_of_a_folder_without_a_run_is_refused(tmp_path: Path):
+    result = CliRunner().invoke(app, ["export", str(tmp_path), "-o", str(tmp_path / "x.safetensors")])
+    assert result.exit_code == 2
+    assert "no best checkpoint" in result.output
+
+
+@pytest.mark.parametrize("damage", ["clean", "partial"])
+def test_evaluation_of_boxes_and_chairs(exported: Path, mesh_folder: Path, tmp_path: Path, damage: str):
+    folders = [mesh_folder / "box", mesh_folder / "none"]
+    cache = tmp_path / "reference.json"
+    report = evaluate(folders, [str(exported)], limit=8, damage=damage, reference=cache, progress=False)
+    assert report["shapes"] == 8
+    boxes = sum("box" in name for name in json.loads(cache.read_text()))
+    assert report["clear"] == boxes  # boxes have clear planes, irregular solids none
+    assert set(report["methods"]) == {str(exported), PCA, UNTRAINED}
+    pca = report["methods"][PCA]
+    if damage == "clean":
+        assert pca["clear_share_under_threshold"] == 1.0
+        assert pca["gte_mean"] < 1e-12
+        assert pca["recall_1_degree"] == 1.0
+    else:
+        assert pca["gte_mean"] > 1e-6  # what a hole does to the principal axes
+    # Nothing a client receives exceeds the threshold by more than sampling explains.
+    assert all(math.isfinite(value) for figures in report["methods"].values() for value in figures.values())
+    assert "| PCA |" in render(report)
+    again = evaluate(folders, [str(exported)], limit=8, damage=damage, reference=cache, progress=False)
+    assert again == report
+
+
+def test_the_reference_search_finds_all_planes_of_known_shapes():
+    for family, parameters in (("box", {}), ("pyramid", {"n": 5}), ("prism", {"n": 6}), ("mirror", {}), ("none", {})):
+        shape = known(family, **parameters)
+        mesh = as_mesh(shape)
+        frame = UnitFrame.of(mesh.vertices, mesh.faces)
+        found = clear_planes(frame.to_unit(mesh.vertices), mesh.faces)
+        assert len(found) == len(shape.planes), family
+        for plane in shape.planes:
+            assert np.abs(found[:, :3] @ plane[:3]).max() > 1 - 1e-6
+
+
+def test_hemisphere_is_even():
+    directions = hemisphere(200)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+    cosines = np.abs(directions @ directions.T) - 2 * np.eye(200)
+    nearest = np.degrees(np.arccos(cosines.max(1)))
+    assert 3.0 < nearest.min()
+    assert nearest.max() < 12.0
+
+
+def test_pca_is_exact_on_a_box():
+    mesh = box(1, 2, 4)
+    vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
+    surface = SurfaceIndex(vertices, mesh.faces)
+    for plane in pca_planes(vertices, mesh.faces):
+        assert surface.mean_squared_distance(reflect(vertices, plane)) < 1e-20
+
+
+def test_cut_ball_removes_one_connected_neighbourhood():
+    mesh = as_mesh(known("torus"))
+    kept = cut_ball(mesh.vertices, mesh.faces, np.random.default_rng(0))
+    assert 0.3 * len(mesh.faces) <= len(kept) < len(mesh.faces)
+    gone = {tuple(face) for face in mesh.faces.tolist()} - {tuple(face) for face in kept.tolist()}
+    middles = np.array([mesh.vertices[list(face)].mean(0) for face in gone])
+    diagonal = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    assert np.linalg.norm(middles - middles.mean(0), axis=1).max() < 2 * 0.15 * diagonal
+
+

@@ -1,0 +1,44 @@
+"""Recipes are files with typed fields; mistakes in them are named."""
+
+from pathlib import Path
+
+import pytest
+
+from training.recipe import RECIPES, Recipe
+
+
+@pytest.mark.parametrize("path", sorted(RECIPES.glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_recipes_load_under_their_own_name(path: Path):
+    recipe = Recipe.load(path.stem)
+    assert recipe.name == path.stem
+    assert Recipe.from_dict(recipe.to_dict()) == recipe
+
+
+def test_the_paper_recipe_has_the_papers_values():
+    recipe = Recipe.load("paper")
+    assert (recipe.optimizer.batch, recipe.optimizer.learning_rate, recipe.loss.regularization) == (32, 0.01, 25.0)
+    assert (recipe.loss.samples, recipe.network.resolution, recipe.input.frame) == (1000, 32, "unit")
+    assert (recipe.network.width, recipe.network.batch_norm, recipe.loss.best_head) == (1, False, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('name = "x"\ncolour = 1', "no field colour"),
+        ('name = "x"\n[loss]\nsample = 1', "recipe.loss has no field sample"),
+        ('name = "x"\n[input]\nframe = "sideways"', "must be one of unit, inertia"),
+        ('name = "x"\n[optimizer]\nsteps = "many"', "steps must be int"),
+        ('name = "x"\n[optimizer]\nsteps = true', "steps must be int"),
+        ('name = "x"\n[network]\nresolution = 31', "power of two"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, text: str, message: str):
+    path = tmp_path / "r.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        Recipe.load(path)
+
+
+def test_an_unknown_recipe_lists_the_known_ones():
+    with pytest.raises(ValueError, match="default, paper"):
+        Recipe.load("unheard-of")
