@@ -8,12 +8,12 @@ become vector instructions):
     frames    (leaves * ROWS * LANES,) float64 one orthonormal frame a triangle, see ``_frame``
     owners    (leaves * LANES,) int32          the triangles; short leaves repeat their last one
 
-The root is node 0. Long diagonal triangles enter as several references with smaller boxes.
+The root is node 0.
 """
 
 import numpy as np
 
-from model._jit import jit, jit_inline
+from model._jit import jit, jit_allocating
 from model.types import FloatArray, IntArray
 
 FANOUT = 8
@@ -24,10 +24,21 @@ ROWS = 14
 STACK = 1024
 _BINS = 16
 _SORTED = 32  # ranges up to this many references are sorted and split at whole leaves
-_SAMPLE = 1024  # references that decide a split of a larger range
+_SAMPLE = 128  # references that decide a split of a larger range
 
 
 @jit
+def enclose(vertices: FloatArray, faces: IntArray, boxes: FloatArray) -> None:
+    """The boxes (f, 6) of the triangles: lower x, y, z, upper x, y, z."""
+    for face in range(faces.shape[0]):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        for axis in range(3):
+            a, b, c = vertices[i, axis], vertices[j, axis], vertices[k, axis]
+            boxes[face, axis] = min(a, b, c)
+            boxes[face, 3 + axis] = max(a, b, c)
+
+
+@jit_allocating
 def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Sort the references into leaves and build the nodes above them.
 
@@ -52,7 +63,8 @@ def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, Int
     stack_box = np.empty((STACK, 12))
     ranges = np.empty((FANOUT, 3), dtype=np.int64)
     extents = np.empty((FANOUT, 12))
-    bins = np.empty((_BINS, 7))
+    bins = np.empty((_BINS, 8))  # box, references, cost of a split in front of the bin
+    box = np.empty(6)
     keys = np.empty(_SORTED)
     scratch = np.empty((_SORTED, 6))
     scratch_owners = np.empty(_SORTED, dtype=np.int32)
@@ -80,11 +92,11 @@ def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, Int
             start, end, depth = ranges[chosen, 0], ranges[chosen, 1], ranges[chosen, 2] + 1
             low, high = extents[chosen], extents[used]
             if end - start <= _SORTED:
-                middle = _split_small(refs, owners, start, end, low, keys, scratch, scratch_owners)
+                middle = _split_small(refs, owners, start, end, low, keys, box, scratch, scratch_owners)
                 _measure(refs, start, middle, low)
                 _measure(refs, middle, end, high)
             else:
-                middle = _split_large(refs, owners, start, end, low, high, bins, depth > 2 * balanced + 8)
+                middle = _split_large(refs, owners, start, end, low, high, bins, box, depth > 2 * balanced + 8)
             ranges[chosen, 1], ranges[chosen, 2] = middle, depth
             ranges[used, 0], ranges[used, 1], ranges[used, 2] = middle, end, depth
             used += 1
@@ -111,25 +123,20 @@ def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, Int
 @jit
 def _measure(refs: FloatArray, start: int, end: int, extent: FloatArray) -> None:
     """Box of the references, and box of their centres (doubled, which spares the halving)."""
-    extent[0:3] = np.inf
-    extent[3:6] = -np.inf
-    extent[6:9] = np.inf
-    extent[9:12] = -np.inf
+    # Twelve variables rather than a loop over the axes: they stay in registers, and the data are read once.
+    ax, ay, az, bx, by, bz = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
+    cx, cy, cz, dx, dy, dz = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for ref in range(start, end):
-        _extend(extent, refs, ref)
+        x, y, z, u, v, w = refs[ref, 0], refs[ref, 1], refs[ref, 2], refs[ref, 3], refs[ref, 4], refs[ref, 5]
+        ax, ay, az = min(ax, x), min(ay, y), min(az, z)
+        bx, by, bz = max(bx, u), max(by, v), max(bz, w)
+        cx, cy, cz = min(cx, x + u), min(cy, y + v), min(cz, z + w)
+        dx, dy, dz = max(dx, x + u), max(dy, y + v), max(dz, z + w)
+    extent[0], extent[1], extent[2], extent[3], extent[4], extent[5] = ax, ay, az, bx, by, bz
+    extent[6], extent[7], extent[8], extent[9], extent[10], extent[11] = cx, cy, cz, dx, dy, dz
 
 
-@jit_inline
-def _extend(extent: FloatArray, refs: FloatArray, ref: int) -> None:
-    for axis in range(3):
-        low, high = refs[ref, axis], refs[ref, 3 + axis]
-        extent[axis] = min(extent[axis], low)
-        extent[3 + axis] = max(extent[3 + axis], high)
-        extent[6 + axis] = min(extent[6 + axis], low + high)
-        extent[9 + axis] = max(extent[9 + axis], low + high)
-
-
-@jit_inline
+@jit
 def _widest(extent: FloatArray) -> int:
     axis = 0
     for other in range(1, 3):
@@ -146,6 +153,7 @@ def _split_small(
     end: int,
     extent: FloatArray,
     keys: FloatArray,
+    box: FloatArray,
     scratch: FloatArray,
     scratch_owners: IntArray,
 ) -> int:
@@ -170,7 +178,6 @@ def _split_small(
             refs[start + index, column] = scratch[index, column]
         owners[start + index] = scratch_owners[index]
     # Cost of a split: surface of each side times its leaves. Right sides first, kept in `keys`.
-    box = np.empty(6)
     box[:3] = np.inf
     box[3:] = -np.inf
     for index in range(count - 1, 0, -1):
@@ -188,14 +195,14 @@ def _split_small(
     return start + middle
 
 
-@jit_inline
+@jit
 def _grow(box: FloatArray, boxes: FloatArray, row: int) -> None:
     for axis in range(3):
         box[axis] = min(box[axis], boxes[row, axis])
         box[3 + axis] = max(box[3 + axis], boxes[row, 3 + axis])
 
 
-@jit_inline
+@jit
 def _half_surface(box: FloatArray) -> float:
     dx, dy, dz = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return dx * dy + dy * dz + dz * dx
@@ -210,6 +217,7 @@ def _split_large(
     low: FloatArray,
     high: FloatArray,
     bins: FloatArray,
+    box: FloatArray,
     halve: bool,
 ) -> int:
     """Partition a range at the cheapest of ``_BINS`` planes; `low` holds its extent, and in the end that of each side."""
@@ -230,38 +238,35 @@ def _split_large(
         slot = int((refs[ref, axis] + refs[ref, 3 + axis] - origin) * scale)
         _grow(bins[slot], refs, ref)
         bins[slot, 6] += 1.0
-    plane = _cheapest_plane(bins)
-    low[0:3] = np.inf
-    low[3:6] = -np.inf
-    low[6:9] = np.inf
-    low[9:12] = -np.inf
-    high[:] = low
+    plane = _cheapest_plane(bins, box)
     left, right = start, end
-    while left < right:
-        if int((refs[left, axis] + refs[left, 3 + axis] - origin) * scale) < plane:
-            _extend(low, refs, left)
+    while True:
+        while left < right and int((refs[left, axis] + refs[left, 3 + axis] - origin) * scale) < plane:
             left += 1
-        else:
+        while left < right and int((refs[right - 1, axis] + refs[right - 1, 3 + axis] - origin) * scale) >= plane:
             right -= 1
-            for column in range(6):
-                refs[left, column], refs[right, column] = refs[right, column], refs[left, column]
-            owners[left], owners[right] = owners[right], owners[left]
-            _extend(high, refs, right)
+        if left >= right:
+            break
+        right -= 1
+        for column in range(6):
+            refs[left, column], refs[right, column] = refs[right, column], refs[left, column]
+        owners[left], owners[right] = owners[right], owners[left]
+        left += 1
+    _measure(refs, start, left, low)
+    _measure(refs, left, end, high)
     return left
 
 
 @jit
-def _cheapest_plane(bins: FloatArray) -> int:
+def _cheapest_plane(bins: FloatArray, box: FloatArray) -> int:
     """The first bin of the right side, by the surface area heuristic; the middle if the sample fell into one bin."""
-    box = np.empty(6)
-    costs = np.empty(_BINS)
     box[:3] = np.inf
     box[3:] = -np.inf
     count = 0.0
     for slot in range(_BINS - 1, 0, -1):
         _grow(box, bins, slot)
         count += bins[slot, 6]
-        costs[slot] = _half_surface(box) * count if count > 0.0 else np.inf
+        bins[slot, 7] = _half_surface(box) * count if count > 0.0 else np.inf
     box[:3] = np.inf
     box[3:] = -np.inf
     count = 0.0
@@ -269,8 +274,8 @@ def _cheapest_plane(bins: FloatArray) -> int:
     for slot in range(1, _BINS):
         _grow(box, bins, slot - 1)
         count += bins[slot - 1, 6]
-        if count > 0.0 and costs[slot] < np.inf:
-            cost = _half_surface(box) * count + costs[slot]
+        if count > 0.0 and bins[slot, 7] < np.inf:
+            cost = _half_surface(box) * count + bins[slot, 7]
             if cost < best:
                 best, plane = cost, slot
     return plane

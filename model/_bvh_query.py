@@ -8,11 +8,11 @@ frame is exact to rounding, however thin they are.
 import numpy as np
 
 from model._bvh import FANOUT, LANES, ROWS, STACK
-from model._jit import jit, jit_inline
+from model._jit import jit, jit_allocating
 from model.types import AnyArray, FloatArray, IntArray
 
 
-@jit
+@jit_allocating
 def pack(vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntArray) -> tuple[FloatArray, IntArray]:
     """Frames and owners of all leaves, see ``model._bvh``; `sources` are the faces of the sorted references."""
     frames = np.empty(leaves.shape[0] * ROWS * LANES)
@@ -25,7 +25,7 @@ def pack(vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntAr
     return frames, owners
 
 
-@jit_inline
+@jit
 def _frame(vertices: FloatArray, faces: IntArray, face: int, frames: FloatArray, at: int) -> None:
     """Rows: origin (3), x axis along the longest edge (3), y axis (3), base length, apex x and y, 1 / side^2 (2)."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -73,7 +73,7 @@ def _frame(vertices: FloatArray, faces: IntArray, face: int, frames: FloatArray,
     frames[at + 13 * LANES] = 1.0 / right if right > 0.0 else 0.0
 
 
-@jit_inline
+@jit
 def _leaf_distances(frames: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
     """Squared distances to the triangles of a leaf, without branches: one vector lane a triangle."""
     # The number of lanes comes from the array on purpose: known to the compiler, the loop would be unrolled to scalars.
@@ -96,12 +96,12 @@ def _leaf_distances(frames: FloatArray, at: int, x: float, y: float, z: float, s
         t = min(max((ru * rx + v * cy) * frames[row + 13 * lanes], 0.0), 1.0)
         right_u, right_v = ru - t * rx, v - t * cy
         right = right_u * right_u + right_v * right_v
-        inside = min(u * cy - v * cx, v * rx - ru * cy)
+        inside = min(u * cy - v * cx, v * rx - ru * cy) if cy > 0.0 else -1.0
         above = 0.0 if inside >= 0.0 else min(left, right)
         squared[lane] = (below if v < 0.0 else above) + w * w
 
 
-@jit_inline
+@jit
 def _box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
     """Squared distances to the children's boxes; infinite for absent children."""
     fanout = squared.shape[0]
@@ -113,7 +113,7 @@ def _box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squ
         squared[child] = dx * dx + dy * dy + dz * dz
 
 
-@jit
+@jit_allocating
 def search(
     points: FloatArray,
     order: IntArray,
@@ -199,7 +199,7 @@ def closest_points(points: FloatArray, lanes_found: AnyArray, frames: FloatArray
         ru, rx = u - base, cx - base
         if v < 0.0:
             u, v = min(max(u, 0.0), base), 0.0
-        elif min(u * cy - v * cx, v * rx - ru * cy) < 0.0:
+        elif cy <= 0.0 or min(u * cy - v * cx, v * rx - ru * cy) < 0.0:
             s = min(max((u * cx + v * cy) * frames[at + 12 * LANES], 0.0), 1.0)
             t = min(max((ru * rx + v * cy) * frames[at + 13 * LANES], 0.0), 1.0)
             left = (u - s * cx) ** 2 + (v - s * cy) ** 2
@@ -216,7 +216,7 @@ def closest_points(points: FloatArray, lanes_found: AnyArray, frames: FloatArray
             )
 
 
-@jit
+@jit_allocating
 def morton_order(points: FloatArray) -> IntArray:
     """Indices that visit the points along a space-filling curve, so that neighbours follow each other."""
     count = points.shape[0]

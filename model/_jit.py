@@ -65,22 +65,21 @@ class _TolerantCache(_caching.FunctionCache):
 
 
 def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function at its first call; the GIL is released while it runs.
+    """Compile a kernel at its first call; the GIL is released while it runs.
 
-    IEEE arithmetic is kept (no fast-math), except that a division by zero gives an infinity instead of an exception.
+    The kernel may not allocate arrays. In return references to arrays are not counted: otherwise every call of a small
+    helper would cost some atomic increments, which slowed the readers ten times. IEEE arithmetic is kept (no fast-math),
+    except that a division by zero gives an infinity instead of an exception.
     """
+    return _compile(function, _nrt=False)
+
+
+def jit_allocating(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Like ``jit``, for a kernel that creates arrays."""
     return _compile(function)
 
 
-def jit_inline(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Like ``jit``, for a small helper of inner loops: its body always becomes part of the kernel that calls it.
-
-    Without that, every call would count references of the arrays it is handed, which costs more than the helper's work.
-    """
-    return _compile(function, forceinline=True)
-
-
-def _compile(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
+def _compile(function: Callable[_P, _R], **options: bool) -> Callable[_P, _R]:
     compiled = _njit(nogil=True, fastmath=False, error_model="numpy", **options)(function)
     if os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0"):
         try:

@@ -9,7 +9,8 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model._jit import jit, kernel_array
+from model._jit import jit, jit_allocating, kernel_array
+from model._topology import is_watertight
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
@@ -108,12 +109,7 @@ class Mesh:
     @property
     def watertight(self) -> bool:
         """Whether every edge belongs to exactly two faces once vertices at identical positions are merged."""
-        _, merged = np.unique(self.vertices + 0.0, axis=0, return_inverse=True)  # + 0.0 turns -0.0 into 0.0
-        corners = merged.reshape(-1)[self.faces]
-        edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).astype(np.int64)
-        edges.sort(axis=1)
-        counts = np.unique(edges[:, 0] * len(self.vertices) + edges[:, 1], return_counts=True)[1]
-        return bool((counts == 2).all())
+        return is_watertight(self.vertices, self.faces)
 
 
 MeshLike: TypeAlias = (
@@ -166,7 +162,7 @@ def _as_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, AnyAr
     return points, triangles
 
 
-@jit
+@jit_allocating
 def _bounds(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Corners of the box around the vertices that faces use."""
     used: BoolArray = np.zeros(vertices.shape[0], dtype=np.bool_)

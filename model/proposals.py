@@ -46,16 +46,16 @@ def predict(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray) -> Pro
     signs = _SIGNS[: checkpoint.input.sign_frames]
     batch = torch.cat([torch.flip(voxels, [axis + 2 for axis in range(3) if sign[axis] < 0]) for sign in signs])
     with torch.inference_mode():
-        planes, quaternions = (output.double() for output in checkpoint.network(batch))
-    flips = torch.from_numpy(signs)[:, None]
-    planes[..., :3] *= flips
+        outputs = checkpoint.network(batch)
+    # Heads first: (head, sign frame, 4).
+    planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
+    planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.
-    quaternions[..., 1:] *= flips * flips.prod(-1, keepdim=True)
-    mean_planes = np.stack([_mean_plane(head) for head in planes.transpose(0, 1).numpy()])
-    heads = quaternions.transpose(0, 1).numpy()
-    mean_turns = np.stack([sign_free_mean(head) for head in heads]) if len(heads) else np.zeros((0, 4))
-    directions, angles = axis_angle(torch.from_numpy(mean_turns))
+    quaternions[..., 1:] *= signs * signs.prod(1, keepdims=True)
+    mean_planes = np.stack([_mean_plane(head) for head in planes])
     mean_planes[:, :3] = mean_planes[:, :3] @ rotation
+    turns = np.stack([sign_free_mean(head) for head in quaternions]) if len(quaternions) else np.zeros((0, 4))
+    directions, angles = axis_angle(torch.from_numpy(turns))
     return Proposals(mean_planes, directions.numpy() @ rotation, angles.numpy())
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._jit import jit, kernel_array
+from model._jit import jit_allocating, kernel_array
 from model.errors import DegenerateMeshError
 from model.types import FloatArray, IntArray
 
@@ -34,7 +34,7 @@ def sample_surface(vertices: FloatArray, faces: IntArray, count: int, seed: int)
     return points, owners
 
 
-@jit
+@jit_allocating
 def _draw(
     vertices: FloatArray, faces: IntArray, numbers: FloatArray, points: FloatArray, owners: IntArray
 ) -> bool:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from model._bvh import FANOUT, LANES, build
+from model._bvh import FANOUT, LANES, build, enclose
+from model._bvh_axes import tree_axes
 from model._bvh_query import closest_points, morton_order, pack, search
-from model._bvh_references import references
 from model._jit import kernel_array
 from model.types import AnyArray, FloatArray, IntArray
 
@@ -27,7 +27,11 @@ class SurfaceIndex:
         vertices, faces = kernel_array(vertices, np.float64), kernel_array(faces, np.int32)
         if faces.shape[0] == 0:
             raise ValueError("a surface needs at least one face")
-        boxes, sources = references(vertices, faces)
+        self._axes = tree_axes(vertices, faces)
+        vertices = self._turn(vertices)
+        boxes = np.empty((len(faces), 6))
+        enclose(vertices, faces, boxes)
+        sources = np.arange(len(faces), dtype=np.int32)
         self._boxes, self._children, leaves = build(boxes, sources)
         self._frames, self._owners = pack(vertices, faces, sources, leaves)
 
@@ -42,15 +46,17 @@ class SurfaceIndex:
             (n, 3) closest points, (n,) squared distances, (n,) int32 face indices; NaN, infinity and -1 where there is
             no surface within the bound.
         """
-        points = kernel_array(points, np.float64)
-        squared, lanes, _ = self._search(points, bound * bound, np.inf)
-        found = np.empty((len(points), 3))
-        closest_points(points, lanes, self._frames, found)
+        turned = self._turn(kernel_array(points, np.float64))
+        squared, lanes, _ = self._search(turned, bound * bound, np.inf)
+        found = np.empty((len(turned), 3))
+        closest_points(turned, lanes, self._frames, found)
+        if self._axes is not None:
+            found = found @ self._axes
         return found, squared, np.where(lanes >= 0, self._owners[lanes], np.int32(-1))
 
     def squared_distances(self, points: FloatArray) -> FloatArray:
         """(n,) squared distances of (n, 3) points from the surface."""
-        return self._search(kernel_array(points, np.float64), np.inf, np.inf)[0]
+        return self._search(self._turn(kernel_array(points, np.float64)), np.inf, np.inf)[0]
 
     def mean_squared_distance(self, points: FloatArray, stop_above: float = np.inf) -> float:
         """Mean squared distance of (n, 3) points: the symmetry error, when they are transformed surface samples.
@@ -61,8 +67,15 @@ class SurfaceIndex:
         count = len(points)
         if count == 0:
             raise ValueError("the mean needs at least one point")
-        total = self._search(kernel_array(points, np.float64), np.inf, stop_above * count)[2]
+        total = self._search(self._turn(kernel_array(points, np.float64)), np.inf, stop_above * count)[2]
         return np.inf if total > stop_above * count else total / count
+
+    def _turn(self, points: FloatArray) -> FloatArray:
+        """Into the axes of the tree."""
+        if self._axes is None:
+            return points
+        with np.errstate(invalid="ignore", over="ignore"):  # from vertices that no face uses
+            return points @ self._axes.T
 
     def _search(self, points: FloatArray, bound: float, stop_above: float) -> tuple[FloatArray, AnyArray, float]:
         squared = np.empty(len(points))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._jit import jit, jit_inline, kernel_array
+from model._jit import jit, jit_allocating, kernel_array
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 # In voxel edges: touching within this distance counts as touching. It covers the rounding of the tests themselves, so
@@ -32,7 +32,7 @@ def voxelize(vertices_unit: FloatArray, faces: IntArray, resolution: int = 32) -
     return occupied
 
 
-@jit
+@jit_allocating
 def _mark_triangles(vertices: FloatArray, faces: IntArray, resolution: int, occupied: BoolArray) -> None:
     """Mark the voxels of every triangle in the flattened grid.
 
@@ -130,7 +130,7 @@ def _mark_triangles(vertices: FloatArray, faces: IntArray, resolution: int, occu
                         occupied[base + k * stride_w] = True
 
 
-@jit_inline
+@jit
 def _all_marked(
     x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, resolution: int, occupied: BoolArray
 ) -> bool:
@@ -145,7 +145,7 @@ def _all_marked(
     return True
 
 
-@jit_inline
+@jit
 def _normal(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
 ) -> tuple[float, float, float]:
@@ -161,7 +161,7 @@ def _normal(
     return py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
 
 
-@jit_inline
+@jit
 def _constraint(
     px: float, py: float, ex: float, ey: float, fx: float, fy: float, tolerance: float, resolution: int
 ) -> tuple[float, float, float, float]:
@@ -182,7 +182,7 @@ def _constraint(
     return p, 0.0, low - r * resolution, high  # y hardly matters: keep the bound for every y in the grid
 
 
-@jit_inline
+@jit
 def _clip(value: float, inverse: float, lower: float, upper: float, low: float, high: float) -> tuple[float, float]:
     """Narrow the integers ``low..high`` to the k with L <= value + r k <= H; an empty range has low > high."""
     if inverse == 0.0:

@@ -151,7 +151,7 @@ class _Reader:
             all_faces[face : face + len(body.faces)] = body.faces + vertex
             vertex += len(body.vertices)
             face += len(body.faces)
-        return RawMesh(all_vertices, all_faces, "m")  # glTF fixes the unit
+        return RawMesh(all_vertices, all_faces, "meter")  # the format fixes the unit
 
     def _body(self, mesh: Any) -> _Body:
         """The triangles of a mesh; primitives that share their positions share the vertices."""

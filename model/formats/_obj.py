@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._jit import jit, jit_inline
+from model._jit import jit
 from model.errors import UnreadableMeshError
 from model.formats._common import Limits, RawMesh
 from model.formats._text import as_bytes, parse_number
@@ -30,13 +30,13 @@ def read_obj(data: bytes, limits: Limits) -> RawMesh:
     return RawMesh(vertices, faces)
 
 
-@jit_inline
+@jit
 def _blanks(data: ByteArray, at: int) -> int:
     """The next word of the line, or the line's end; a backslash before the line break continues the line."""
     end = data.shape[0]
     while at < end:
         byte = data[at]
-        if byte == 32 or byte == 9 or byte == 13 or byte == 11 or byte == 12:
+        if byte <= 32 and byte != 10:
             at += 1
         elif byte == 92 and at + 1 < end and data[at + 1] == 10:
             at += 2
@@ -47,7 +47,7 @@ def _blanks(data: ByteArray, at: int) -> int:
     return at
 
 
-@jit_inline
+@jit
 def _line_end(data: ByteArray, at: int) -> int:
     """The place after the line's break."""
     end = data.shape[0]
@@ -61,7 +61,7 @@ def _line_end(data: ByteArray, at: int) -> int:
     return at
 
 
-@jit_inline
+@jit
 def _keyword(data: ByteArray, at: int) -> int:
     """1 for a vertex, 2 for a face, 0 for any other line."""
     if at + 1 < data.shape[0] and (data[at + 1] == 32 or data[at + 1] == 9 or data[at + 1] == 92):
@@ -72,7 +72,7 @@ def _keyword(data: ByteArray, at: int) -> int:
     return 0
 
 
-@jit_inline
+@jit
 def _ends(data: ByteArray, at: int) -> bool:
     """Whether the line, or what counts of it, ends here."""
     return at >= data.shape[0] or data[at] == 10 or data[at] == 35
@@ -98,7 +98,7 @@ def _count(data: ByteArray) -> tuple[int, int]:
     return vertices, faces
 
 
-@jit_inline
+@jit
 def _word_end(data: ByteArray, at: int) -> int:
     while at < data.shape[0] and data[at] > 32 and data[at] != 35:
         if data[at] == 92:  # only a line break makes it more than a character

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from model._jit import jit, jit_inline
+from model._jit import jit
 from model.errors import UnreadableMeshError, UnsupportedFormatError
 from model.formats._common import Limits, RawMesh, fan
 from model.formats._text import as_bytes, parse_numbers
@@ -71,7 +71,7 @@ def _read_positions(
     return at
 
 
-@jit_inline
+@jit
 def _next_line(lines: AnyArray, at: int) -> int:
     line = lines[at]
     while at < lines.shape[0] and lines[at] == line:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._jit import jit, jit_inline
+from model._jit import jit
 from model.errors import UnreadableMeshError
 from model.formats._common import Limits, RawMesh
 from model.formats._text import as_bytes, parse_number
@@ -49,7 +49,7 @@ def is_ascii_stl(data: bytes) -> bool:
     return b"facet" in start or b"endsolid" in data.lower() or b"facet" in data.lower()
 
 
-@jit_inline
+@jit
 def _is_vertex(data: ByteArray, at: int) -> bool:
     """Whether the word "vertex" stands at a place with blanks around it."""
     if at + 7 > data.shape[0] or data[at] | 32 != 118 or data[at + 6] > 32 or (at > 0 and data[at - 1] > 32):
@@ -75,7 +75,7 @@ def _count_vertices(data: ByteArray) -> int:
 def _read_vertices(data: ByteArray, vertices: FloatArray) -> bool:
     at, end = 0, data.shape[0]
     for vertex in range(vertices.shape[0]):
-        while not _is_vertex(data, at):
+        while at < end and not _is_vertex(data, at):
             at += 1
         at += 6
         for axis in range(3):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._jit import jit, jit_inline
+from model._jit import jit
 from model.types import AnyArray, ByteArray, FloatArray
 
 # Powers of ten that float64 holds exactly; a number of up to 15 digits times or over one of them is rounded correctly.
@@ -32,7 +32,7 @@ def parse_numbers(data: ByteArray, stop_at_junk: bool = False) -> tuple[FloatArr
     return numbers[:count].copy(), lines[:count].copy()
 
 
-@jit_inline
+@jit
 def parse_number(data: ByteArray, at: int, end: int) -> tuple[float, int]:
     """The number that starts at `at` and the place after it; that place is `at` if there is no number.
 
@@ -94,7 +94,7 @@ def parse_number(data: ByteArray, at: int, end: int) -> tuple[float, int]:
     return -value if negative else value, at
 
 
-@jit_inline
+@jit
 def _parse_word(data: ByteArray, start: int, at: int, end: int, negative: bool) -> tuple[float, int]:
     """nan, inf or infinity after an optional sign."""
     if at + 3 <= end:

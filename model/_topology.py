@@ -1,0 +1,110 @@
+"""Whether a surface is closed."""
+
+import numpy as np
+
+from model._jit import jit, kernel_array
+from model.types import AnyArray, FloatArray, IntArray
+
+
+def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
+    """Whether every undirected edge belongs to exactly two faces once vertices at identical positions are merged.
+
+    Faces of which corners coincide have no area and do not count. Works for any (v, 3) coordinates and (f, 3) faces.
+    """
+    positions = kernel_array(vertices, np.float64) + 0.0  # makes -0.0 and 0.0 the same bits
+    faces = kernel_array(faces, np.int32)
+    size = 16
+    while size < 2 * len(positions):
+        size *= 2
+    merged = np.empty(len(positions), dtype=np.int32)
+    _merge(positions.view(np.int64), np.full(size, -1, dtype=np.int32), merged)
+    starts = np.zeros(len(positions) + 1, dtype=np.int64)
+    ends = np.empty(3 * len(faces), dtype=np.int32)
+    _sort_edges(merged, faces, starts, ends)
+    return bool(_all_paired(starts, ends))
+
+
+@jit
+def _merge(bits: AnyArray, table: IntArray, merged: IntArray) -> None:
+    """For every vertex the first one with the same coordinates, through a hash table with linear probing."""
+    mask = table.shape[0] - 1
+    for vertex in range(bits.shape[0]):
+        x, y, z = np.uint64(bits[vertex, 0]), np.uint64(bits[vertex, 1]), np.uint64(bits[vertex, 2])
+        key = x * np.uint64(0x9E3779B97F4A7C15) ^ y * np.uint64(0xC2B2AE3D27D4EB4F) ^ z * np.uint64(0x165667B19E3779F9)
+        key = (key ^ (key >> np.uint64(32))) * np.uint64(0xD6E8FEB86659FD93)
+        slot = np.int64((key ^ (key >> np.uint64(29))) & np.uint64(mask))
+        while True:
+            other = table[slot]
+            if other < 0:
+                table[slot] = vertex
+                merged[vertex] = vertex
+                break
+            if (
+                bits[other, 0] == bits[vertex, 0]
+                and bits[other, 1] == bits[vertex, 1]
+                and bits[other, 2] == bits[vertex, 2]
+            ):
+                merged[vertex] = other
+                break
+            slot = (slot + np.int64(1)) & np.int64(mask)
+
+
+@jit
+def _sort_edges(merged: IntArray, faces: IntArray, starts: AnyArray, ends: IntArray) -> None:
+    """Edges grouped by their lower vertex: those of vertex i lead to ``ends[starts[i]:starts[i + 1]]``."""
+    for face in range(faces.shape[0]):
+        for corner in range(3):
+            a, b = merged[faces[face, corner]], merged[faces[face, (corner + 1) % 3]]
+            c = merged[faces[face, (corner + 2) % 3]]
+            if a != b and b != c and c != a:
+                starts[min(a, b)] += 1
+    total = 0
+    for vertex in range(starts.shape[0]):
+        total += starts[vertex]
+        starts[vertex] = total  # the end of each group; filling from behind turns it into the start
+    for face in range(faces.shape[0]):
+        for corner in range(3):
+            a, b = merged[faces[face, corner]], merged[faces[face, (corner + 1) % 3]]
+            c = merged[faces[face, (corner + 2) % 3]]
+            if a != b and b != c and c != a:
+                low = min(a, b)
+                starts[low] -= 1
+                ends[starts[low]] = max(a, b)
+
+
+@jit
+def _all_paired(starts: AnyArray, ends: IntArray) -> bool:
+    for vertex in range(starts.shape[0] - 1):
+        group = ends[starts[vertex] : starts[vertex + 1]]
+        if group.shape[0] % 2 == 1:
+            return False
+        _sort(group)
+        for index in range(0, group.shape[0], 2):
+            if group[index] != group[index + 1]:
+                return False
+            if index > 0 and group[index] == group[index - 1]:
+                return False
+    return True
+
+
+@jit
+def _sort(values: IntArray) -> None:
+    """Heap sort in place: no vertex is so popular that it would take quadratic time."""
+    count = values.shape[0]
+    for start in range(count // 2 - 1, -1, -1):
+        _sift(values, start, count)
+    for end in range(count - 1, 0, -1):
+        values[0], values[end] = values[end], values[0]
+        _sift(values, 0, end)
+
+
+@jit
+def _sift(values: IntArray, root: int, end: int) -> None:
+    while 2 * root + 1 < end:
+        child = 2 * root + 1
+        if child + 1 < end and values[child] < values[child + 1]:
+            child += 1
+        if values[root] >= values[child]:
+            return
+        values[root], values[child] = values[child], values[root]
+        root = child
