@@ -1,0 +1,147 @@
+#!/usr/bin/env bash
+# Builds the Dockerfile, runs the image as a careful operator would (read-only, no capabilities, 1 GB, not root), uses it.
+# Debian and root; needs neither a container daemon nor an image registry. BASE_IMAGE= names a base image to pull instead
+# of the one made here; PORT= another port on this host.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+if ! { [ "$(id -u)" = 0 ] && [ -f /etc/debian_version ]; }; then
+  echo "container check: needs root on Debian" >&2
+  if [ "${CI:-}" = true ]; then exit 1; fi
+  echo "container check: skipped"
+  exit 0
+fi
+
+port=${PORT:-18080}
+image=localhost/prsnet:check
+state=$(mktemp -d /var/tmp/prsnet-container.XXXXXX)
+container=
+
+finish() {
+  local code=$?
+  if [ -n "$container" ]; then
+    if [ "$code" != 0 ]; then podman logs "$container" 2>&1 | tail -n 40 || true; fi
+    podman rm -f "$container" >/dev/null 2>&1 || true
+  fi
+  umount "$state/graph/overlay" 2>/dev/null || true
+  rm -rf "$state"
+  exit "$code"
+}
+fail() { echo "container check: $*" >&2; exit 1; }
+step() { echo "container check: [$SECONDS s] $*"; }
+
+install_engine() {
+  local missing=() name
+  for name in podman runc slirp4netns mmdebstrap curl; do
+    command -v "$name" >/dev/null || missing+=("$name")
+  done
+  if [ "${#missing[@]}" = 0 ]; then return; fi
+  apt-get update -qq
+  DEBIAN_FRONTEND=noninteractive apt-get install -yqq --no-install-recommends "${missing[@]}" >"$state/apt.log" 2>&1 ||
+    { tail -n 20 "$state/apt.log"; fail "could not install ${missing[*]}"; }
+}
+
+# A store and settings of our own: nothing of the host's podman is used or left behind. crun does not run inside every
+# sandbox, so runc does; without systemd the control groups, the event log and the limits must be told as well.
+configure_engine() {
+  printf '[storage]\ndriver = "overlay"\ngraphroot = "%s/graph"\nrunroot = "%s/run"\n' "$state" "$state" \
+    >"$state/storage.conf"
+  printf '%s\n' '[containers]' 'default_ulimits = ["nofile=4096:4096", "nproc=4096:4096"]' \
+    '[engine]' 'runtime = "runc"' 'cgroup_manager = "cgroupfs"' 'events_logger = "file"' >"$state/containers.conf"
+  export CONTAINERS_STORAGE_CONF=$state/storage.conf CONTAINERS_CONF=$state/containers.conf
+  export DISABLE_HC_SYSTEMD=true TMPDIR=$state
+}
+
+make_base() {
+  local bundle=/etc/ssl/certs/ca-certificates.crt
+  bash .ci/base-image.sh "$state/base.tar"
+  podman import -q -c 'CMD ["python3"]' -c 'ENV PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin' \
+    -c "ENV SSL_CERT_FILE=$bundle" -c "ENV PIP_CERT=$bundle" "$state/base.tar" "$1" >/dev/null
+  rm "$state/base.tar"
+}
+
+# The host's pip settings, and the local folders they name, are lent to the build steps; the image keeps none of it.
+lend_pip_settings() {
+  local file folder
+  for file in /etc/pip.conf "$HOME/.config/pip/pip.conf" "$HOME/.pip/pip.conf"; do
+    if [ -f "$file" ]; then lent+=(-v "$file:${file/#$HOME//root}:ro"); fi
+  done
+  while read -r folder; do
+    if [ -d "$folder" ]; then lent+=(-v "$folder:$folder:ro"); fi
+  done < <(python3 -m pip config list 2>/dev/null | grep -E 'find-links|index-url' |
+    grep -oE "(file://)?/[^ ']+" | sed -E 's#^file://##; s#/simple/?$##' | sort -u)
+}
+
+build() {
+  local base=${BASE_IMAGE:-} lent=()
+  if [ -z "$base" ]; then
+    base=localhost/python:base
+    make_base "$base"
+    step "base image made"
+  fi
+  lend_pip_settings
+  # the docker format: the OCI one has no HEALTHCHECK; no layers: nothing is built twice from this store
+  podman build -q --layers=false --network host --format docker --build-arg "BASE_IMAGE=$base" \
+    --build-arg "TORCH_INDEX=${TORCH_INDEX:-}" "${lent[@]}" -t "$image" . >"$state/build.log" 2>&1 ||
+    { tail -n 40 "$state/build.log"; fail "the image does not build"; }
+  step "built, $(podman images --format '{{.Size}}' "$image"), of which base $(podman images --format '{{.Size}}' "$base")"
+}
+
+start() {
+  container=$(podman run -d --network slirp4netns -p "127.0.0.1:$port:8000" --read-only --tmpfs /tmp:rw,size=128m \
+    --cap-drop ALL --security-opt no-new-privileges --memory 1g --pids-limit 256 "$image")
+  local began=$SECONDS
+  until curl -fsS -m 2 "http://127.0.0.1:$port/health" >"$state/health" 2>/dev/null; do
+    if [ "$((SECONDS - began))" -gt 90 ]; then fail "not healthy after 90 s"; fi
+    if [ "$(podman inspect -f '{{.State.Running}}' "$container")" != true ]; then fail "it does not run"; fi
+    sleep 0.2
+  done
+  step "healthy after $((SECONDS - began)) s: $(cat "$state/health")"
+}
+
+hardened() {
+  local users
+  users=$(podman top "$container" huser | tail -n +2 | sort -u)
+  if grep -qwE '0|root' <<<"$users"; then fail "it runs as root"; fi
+  if podman exec "$container" sh -c ': >/probe' 2>/dev/null; then fail "the root file system is writable"; fi
+  podman healthcheck run "$container" >/dev/null || fail "HEALTHCHECK says unhealthy"
+  # kernels come from the cache made at build time, and none is compiled anew
+  podman exec -e NUMBA_DEBUG_CACHE=1 "$container" prsnet warmup >"$state/warmup" 2>&1 || fail "warmup: $(cat "$state/warmup")"
+  grep -q 'data loaded from' "$state/warmup" || fail "no kernel was loaded from the cache"
+  if grep -q 'data saved to\|index saved to' "$state/warmup"; then fail "a kernel was missing from the cache"; fi
+  step "user $users, read-only, $(grep -c 'data loaded from' "$state/warmup") kernels from the cache; $(tail -n 1 "$state/warmup")"
+}
+
+detects() {
+  curl -fsS -m 60 -F file=@tests/data/chair.obj "http://127.0.0.1:$port/detect" >"$state/answer"
+  podman exec -i "$container" python -c '
+import json, sys
+answer = json.load(sys.stdin)
+best = answer["planes"][0]
+assert abs(best["normal"][0]) > 0.999 and abs(best["offset"]) < 0.01, best
+print("container check: the chair has the mirror plane", best["normal"], best["offset"])' <"$state/answer" ||
+    fail "the chair has no mirror plane: $(head -c 2000 "$state/answer")"
+  local memory
+  memory=$(podman stats --no-stream --format '{{.MemUsage}}' "$container" 2>/dev/null || echo "not measured")
+  step "memory in use: $memory"
+}
+
+stops() {
+  local code
+  podman stop -t 30 "$container" >/dev/null
+  code=$(podman inspect -f '{{.State.ExitCode}}' "$container")
+  case $code in 0 | 143) ;; *) fail "exit code $code after SIGTERM" ;; esac
+  podman logs "$container" >"$state/log" 2>&1
+  grep -q 'Application shutdown complete' "$state/log" || fail "no orderly shutdown in the log"
+  step "SIGTERM: orderly shutdown, exit code $code"
+}
+
+trap finish EXIT
+install_engine
+configure_engine
+build
+start
+hardened
+detects
+stops
+step "passed"

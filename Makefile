@@ -1,0 +1,67 @@
+# One target for each thing a person does. `make` alone lists them.
+# Variables: PORT, PYTHON (any Python >= 3.11), TORCH_INDEX (an extra package index with CPU builds of torch),
+# VENV, IMAGE. Serving installs what serving needs; testing and checking add the extras `train` and `dev`.
+
+PORT ?= 8000
+VENV ?= .venv
+IMAGE ?= prsnet
+TORCH_INDEX ?=
+PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13 python3.14; do \
+	"$$p" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p" && break; done)
+
+BIN := $(VENV)/bin
+INSTALL = $(BIN)/python -m pip install -qq -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url "$(TORCH_INDEX)")
+
+.DEFAULT_GOAL := help
+.PHONY: help serve test check format bench image train lock clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 10
+
+serve: $(VENV)/.serve ## serve on http://127.0.0.1:8000 with the shipped weights (PORT= to change)
+	@exec $(BIN)/prsnet serve --port $(PORT)
+
+test: $(VENV)/.dev ## run the tests (ARGS= goes to pytest)
+	@$(BIN)/python -m pytest $(ARGS)
+
+check: $(VENV)/.dev ## format, lint, types, import rules
+	@$(BIN)/ruff format --check -q . && $(BIN)/ruff check -q .
+	@$(BIN)/pyright --pythonpath $(BIN)/python
+	@$(BIN)/lint-imports --no-cache
+
+format: $(VENV)/.dev ## format the code and mend what the linter can mend
+	@$(BIN)/ruff check -q --fix . ; $(BIN)/ruff format -q .
+
+bench: $(VENV)/.dev ## measure latency and throughput of POST /detect over loopback
+	@$(BIN)/python benchmarks/detect_http.py $(ARGS)
+
+train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare`); ARGS= goes to `fit`
+	@test -n "$(PREPARED)" || { echo 'usage: make train PREPARED=folder [ARGS=...]' >&2; exit 2; }
+	@$(BIN)/python -m training fit $(PREPARED) $(ARGS)
+
+image: ## build the container image (ENGINE=docker or podman)
+	$(ENGINE) build --build-arg TORCH_INDEX="$(TORCH_INDEX)" -t $(IMAGE) .
+
+lock: $(VENV)/.dev ## write constraints.txt from what is installed in the virtual environment
+	@$(BIN)/python .ci/lock.py > constraints.txt.new && mv constraints.txt.new constraints.txt
+
+clean: ## remove the virtual environment and caches
+	rm -rf $(VENV) build *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+
+ENGINE ?= $(shell command -v docker || command -v podman || echo docker)
+
+# The stamps make the second call fast: pip runs again only when what it was told has changed.
+$(VENV)/.serve: pyproject.toml constraints.txt | $(BIN)/python
+	@echo 'Installing the service into $(VENV) (the first time takes some minutes: torch is large) ...'
+	@$(INSTALL) -e .
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
+	@echo 'Installing the service, training and development tools into $(VENV) (the first time takes some minutes) ...'
+	@$(INSTALL) -e '.[train,dev]'
+	@touch $(VENV)/.serve $@
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo 'Python 3.11 or newer with the venv module is needed, and none was found' \
+		'(on Debian: apt install python3 python3-venv). PYTHON=/path/to/python names one elsewhere.' >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV)

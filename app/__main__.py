@@ -1,0 +1,5 @@
+"""``python -m app`` is ``prsnet``."""
+
+from app.cli import app
+
+app()

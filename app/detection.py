@@ -1,0 +1,181 @@
+"""From the bytes of a file to the answer: what runs on a worker, and what the command line runs too."""
+
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from app import schemas
+from app.schemas import Include, Mode
+from model.formats import read_mesh
+
+if TYPE_CHECKING:
+    from model.detection import Axis, Detection, Plane, Rejected
+    from model.mesh import Mesh
+    from model.types import FloatArray
+
+
+class SymmetryDetector(Protocol):
+    """What this package needs of ``model.detector.Detector``."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        ...
+
+    @property
+    def version(self) -> str:
+        """Version of the weights."""
+        ...
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the weights file."""
+        ...
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What is stored with the weights."""
+        ...
+
+    def warm_up(self) -> None:
+        """Do now what would make the first detection slow."""
+        ...
+
+    def detect(self, mesh: "Mesh", *, mode: Mode = ..., max_error: float = ...) -> "Detection":
+        """Find the symmetries of ``mesh``."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What to look for and what to return."""
+
+    mode: Mode = "full"
+    max_error: float = 4e-4
+    include: Collection[Include] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class MeshLimits:
+    """Largest mesh accepted; ``None`` is no limit."""
+
+    vertices: int | None = None
+    faces: int | None = None
+
+
+def parse_and_detect(
+    detector: SymmetryDetector, data: bytes, filename: str, options: Options, limits: MeshLimits
+) -> schemas.DetectResponse:
+    """The answer for a mesh file: everything that must stay off the event loop.
+
+    Raises:
+        model.errors.MeshError: the file cannot be read or the mesh cannot be used.
+    """
+    started = time.perf_counter()
+    mesh = read_mesh(data, filename, max_vertices=limits.vertices, max_faces=limits.faces)
+    parsed = time.perf_counter()
+    detection = detector.detect(mesh, mode=options.mode, max_error=options.max_error)
+    return to_response(detection, detector, filename, options.include, started, parsed)
+
+
+def to_json(response: schemas.DetectResponse, include: Collection[Include]) -> bytes:
+    """The response as UTF-8 JSON, without the members that were not asked for; numbers keep all digits."""
+    left_out = {"rejected", "bop"} - set(include)
+    return response.model_dump_json(exclude=left_out, by_alias=True).encode()
+
+
+def to_response(
+    detection: "Detection",
+    detector: SymmetryDetector,
+    filename: str,
+    include: Collection[Include],
+    started: float,
+    parsed: float,
+) -> schemas.DetectResponse:
+    """A detection as the response schema; ``started`` and ``parsed`` are readings of ``time.perf_counter``.
+
+    Raises:
+        pydantic.ValidationError: the detection breaks the contract (with a NaN, say): a defect.
+    """
+    mesh = detection.mesh
+    return schemas.DetectResponse(
+        planes=[_plane(plane) for plane in detection.planes],
+        axes=[_axis(axis) for axis in detection.axes],
+        point_group=detection.point_group,
+        frame=schemas.Frame(
+            coordinates="input",
+            units=mesh.units,
+            center=_numbers(detection.center),
+            scale=float(detection.scale),
+        ),
+        mesh=schemas.MeshInfo(
+            filename=filename,
+            format=mesh.source_format,
+            vertices=len(mesh.vertices),
+            faces=len(mesh.faces),
+            bounds=_rows(mesh.bounds),
+            watertight=bool(mesh.watertight),
+        ),
+        model=schemas.ModelInfo(name=detector.name, version=detector.version, sha256=detector.sha256),
+        warnings=list(detection.warnings),
+        rejected=[_rejected(candidate) for candidate in detection.rejected] if "rejected" in include else [],
+        bop=schemas.Bop.model_validate(detection.bop()) if "bop" in include else None,
+        timings_ms=_timings(detection.timings_ms, started, parsed),  # last: the total covers all of the above
+    )
+
+
+def _timings(steps: Mapping[str, float], started: float, parsed: float) -> schemas.Timings:
+    return schemas.Timings(
+        parse=(parsed - started) * 1e3,
+        voxelize=steps.get("voxelize", 0.0),
+        infer=steps.get("infer", 0.0),
+        refine=steps.get("refine", 0.0),
+        validate=steps.get("validate", 0.0),
+        total=(time.perf_counter() - started) * 1e3,
+    )
+
+
+def _numbers(values: "FloatArray | Iterable[float]") -> list[float]:
+    # + 0.0 turns -0.0 into 0.0 and changes nothing else
+    return [float(value) + 0.0 for value in values]
+
+
+def _rows(matrix: "FloatArray | Iterable[Iterable[float]]") -> list[list[float]]:
+    return [_numbers(row) for row in matrix]
+
+
+def _plane(plane: "Plane") -> schemas.Plane:
+    return schemas.Plane(
+        normal=_numbers(plane.normal),
+        offset=float(plane.offset) + 0.0,
+        point=_numbers(plane.point),
+        matrix=_rows(plane.matrix),
+        symmetry_error=float(plane.symmetry_error),
+        rms_distance=float(plane.rms_distance),
+        exact=bool(plane.exact),
+        continuous=bool(plane.continuous),
+    )
+
+
+def _axis(axis: "Axis") -> schemas.Axis:
+    return schemas.Axis(
+        direction=_numbers(axis.direction),
+        point=_numbers(axis.point),
+        order=axis.order,
+        continuous=bool(axis.continuous),
+        matrix=None if axis.matrix is None else _rows(axis.matrix),
+        symmetry_error=float(axis.symmetry_error),
+        rms_distance=float(axis.rms_distance),
+        exact=bool(axis.exact),
+    )
+
+
+def _rejected(candidate: "Rejected") -> schemas.RejectedPlane | schemas.RejectedAxis:
+    members = {
+        name: _numbers(value) if name in {"normal", "direction", "point"} else value
+        for name in ("kind", "normal", "offset", "direction", "point", "symmetry_error", "reason")
+        if (value := getattr(candidate, name)) is not None
+    }
+    kind = schemas.RejectedPlane if candidate.kind == "plane" else schemas.RejectedAxis
+    return kind.model_validate(members)

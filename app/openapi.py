@@ -1,0 +1,203 @@
+"""What ``/openapi.json`` and ``/docs`` say beyond the schemas: texts, examples, every error.
+
+``python -m app.openapi > docs/openapi.json`` renews the copy in the repository; a test compares the two.
+"""
+
+import json
+import sys
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from app import problems, schemas
+from app.middleware import HEADER
+from app.problems import MEDIA_TYPE, ProblemType
+from app.uploads import FIELD
+
+TITLE = "PRS-Net"
+SUMMARY = "Finds the mirror planes and rotation axes of a 3D mesh."
+DESCRIPTION = """\
+Send a mesh, get its symmetries in the file's own coordinates:
+
+```
+curl -F file=@chair.obj http://127.0.0.1:8000/detect
+```
+
+**Formats**: STL, OBJ, PLY, OFF, GLB, glTF with embedded buffers, 3MF; told from the file's name, checked
+against its content.
+
+**Errors** are `application/problem+json` (RFC 9457). Their `type` is stable, their `detail` says what to do,
+and `request_id` (also in the header `X-Request-ID`, which a client may send) finds the request in the log.
+
+**Frames**: all coordinates are in the input frame. Symmetry errors are mean squared distances in the unit
+frame (surface centroid at the origin, bounding sphere of diameter 1): one threshold serves every object.
+"""
+
+_EXAMPLE_PLANE = {
+    "normal": [1.0, 0.0, 0.0],
+    "offset": -0.5,
+    "point": [0.5, 0.42, 0.3],
+    "matrix": [[-1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+    "symmetry_error": 1.2e-17,
+    "rms_distance": 4.5e-9,
+    "exact": True,
+    "continuous": False,
+}
+_EXAMPLE_RESPONSE = {
+    "planes": [_EXAMPLE_PLANE],
+    "axes": [],
+    "point_group": "Cs",
+    "frame": {"coordinates": "input", "units": None, "center": [0.5, 0.42, 0.3], "scale": 1.3},
+    "mesh": {
+        "filename": "chair.obj",
+        "format": "obj",
+        "vertices": 120,
+        "faces": 260,
+        "bounds": [[0.0, 0.0, 0.0], [1.0, 0.9, 0.6]],
+        "watertight": True,
+    },
+    "model": {"name": "prs-net", "version": "1", "sha256": "0" * 64},
+    "timings_ms": {"parse": 0.2, "voxelize": 0.3, "infer": 1.1, "refine": 0.0, "validate": 2.0, "total": 3.7},
+    "warnings": [],
+}
+
+
+def _errors(*kinds: ProblemType) -> dict[int | str, dict[str, Any]]:
+    """Response objects for ``kinds``, those of one status together."""
+    responses: dict[int | str, dict[str, Any]] = {}
+    for kind in kinds:
+        entry = responses.setdefault(
+            kind.status,
+            {"description": "", "content": {MEDIA_TYPE: {"schema": _ref("Problem"), "examples": {}}}},
+        )
+        entry["description"] = " or ".join(filter(None, [entry["description"], kind.title]))
+        example: dict[str, Any] = {
+            "value": problems.body(kind, kind.example, "4e1f0c52a7b84d0e9c3d6a5b7f812390")
+        }
+        entry["content"][MEDIA_TYPE]["examples"][kind.slug] = example
+        if kind.status == problems.OVERLOADED.status:
+            entry["headers"] = {
+                "Retry-After": {"description": "Seconds to wait.", "schema": {"type": "integer"}}
+            }
+    return responses
+
+
+def _ref(name: str) -> dict[str, str]:
+    return {"$ref": f"#/components/schemas/{name}"}
+
+
+_UPLOAD_BODY = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": [FIELD],
+                "properties": {
+                    FIELD: {
+                        "type": "string",
+                        "format": "binary",
+                        "description": "The mesh. Its file name's extension tells the format.",
+                    }
+                },
+            }
+        }
+    },
+}
+
+DETECT: dict[str, Any] = {
+    "tags": ["symmetry"],
+    "summary": "Find the symmetries of a mesh",
+    "response_model": None,
+    "responses": {
+        200: {
+            "model": schemas.DetectResponse,
+            "description": "The symmetries; empty lists if there are none.",
+        },
+        **_errors(
+            problems.MALFORMED,
+            problems.INVALID_PARAMETER,
+            problems.UPLOAD_TOO_LARGE,
+            problems.MESH_TOO_LARGE,
+            problems.UNSUPPORTED_FORMAT,
+            problems.UNREADABLE_MESH,
+            problems.EMPTY_MESH,
+            problems.DEGENERATE_MESH,
+            problems.INTERNAL,
+            problems.OVERLOADED,
+            problems.NOT_READY,
+            problems.DEADLINE,
+        ),
+    },
+    "openapi_extra": {
+        "requestBody": _UPLOAD_BODY,
+        "x-codeSamples": [
+            {
+                "lang": "Shell",
+                "label": "curl",
+                "source": "curl -F file=@chair.obj http://127.0.0.1:8000/detect",
+            },
+            {
+                "lang": "Shell",
+                "label": "curl, BOP JSON",
+                "source": "curl -F file=@part.stl 'http://127.0.0.1:8000/detect?include=bop'",
+            },
+        ],
+    },
+}
+HEALTH: dict[str, Any] = {
+    "tags": ["operation"],
+    "summary": "Readiness",
+    "responses": _errors(problems.NOT_READY),
+}
+LIVE: dict[str, Any] = {"tags": ["operation"], "summary": "Liveness"}
+MODEL: dict[str, Any] = {
+    "tags": ["operation"],
+    "summary": "Model card",
+    "responses": _errors(problems.NOT_READY),
+}
+
+
+def build(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document of ``app``."""
+    document = get_openapi(
+        title=app.title,
+        version=app.version,
+        summary=app.summary,
+        description=app.description,
+        routes=app.routes,
+    )
+    # Put in afterwards, because FastAPI drops members that are null from what it is given.
+    answers = document["paths"]["/detect"]["post"]["responses"]
+    answers["200"]["content"]["application/json"]["example"] = _EXAMPLE_RESPONSE
+    problem = schemas.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    document["components"]["schemas"].update(problem.pop("$defs"), Problem=problem)
+    returned_id = {HEADER: {"description": "The request's id.", "schema": {"type": "string"}}}
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            for answer in operation["responses"].values():
+                answer["headers"] = {**answer.get("headers", {}), **returned_id}
+    return document
+
+
+def install(app: FastAPI) -> None:
+    """Make ``/openapi.json`` say what ``build`` says."""
+
+    def cached() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = build(app)
+        return app.openapi_schema
+
+    app.openapi = cached
+
+
+def dump(app: FastAPI) -> str:
+    """The document as the text kept in ``docs/openapi.json``."""
+    return json.dumps(app.openapi(), indent=2, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    from app.main import create_app
+
+    sys.stdout.write(dump(create_app()))

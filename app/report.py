@@ -1,0 +1,68 @@
+"""A detection as tables a person can read, for ``prsnet detect``."""
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from app.schemas import Axis, DetectResponse, Plane
+
+
+def print_report(response: DetectResponse, console: Console | None = None) -> None:
+    """Print what was found in one mesh: a headline, a table of planes, a table of axes, the warnings."""
+    console = console or Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 120  # into a pipe or a file: never cut at the 80 columns rich assumes there
+    mesh = response.mesh
+    console.print(
+        f"[bold]{escape(mesh.filename)}[/bold]  {mesh.vertices} vertices, {mesh.faces} faces  "
+        f"point group [bold]{response.point_group}[/bold]  {response.timings_ms.total:.1f} ms"
+    )
+    if response.planes:
+        console.print(_planes(response.planes))
+    if response.axes:
+        console.print(_axes(response.axes))
+    if not response.planes and not response.axes:
+        console.print("  no symmetry found")
+    for warning in response.warnings:
+        console.print(f"  [yellow]warning:[/yellow] {escape(warning)}")
+    console.print()
+
+
+def _planes(planes: list[Plane]) -> Table:
+    table = _table("plane: normal", "offset")
+    for plane in planes:
+        table.add_row(
+            _vector(plane.normal),
+            f"{plane.offset:.6g}",
+            *_quality(plane),
+            "on a continuous axis" * plane.continuous,
+        )
+    return table
+
+
+def _axes(axes: list[Axis]) -> Table:
+    table = _table("axis: direction", "order")
+    for axis in axes:
+        table.add_row(
+            _vector(axis.direction), str(axis.order or "any angle"), *_quality(axis), _through(axis)
+        )
+    return table
+
+
+def _table(*first: str) -> Table:
+    table = Table(box=None, pad_edge=True, header_style="dim")
+    for heading in (*first, "error", "rms distance", "exact", ""):
+        table.add_column(heading, justify="left" if heading in ("", first[0]) else "right", overflow="fold")
+    return table
+
+
+def _quality(found: Plane | Axis) -> tuple[str, str, str]:
+    return f"{found.symmetry_error:.1e}", f"{found.rms_distance:.2e}", "yes" if found.exact else "no"
+
+
+def _through(axis: Axis) -> str:
+    return f"through {_vector(axis.point)}"
+
+
+def _vector(values: list[float]) -> str:
+    return "(" + ", ".join(f"{round(value, 4) + 0.0:.4f}" for value in values) + ")"  # + 0.0: no "-0.0000"

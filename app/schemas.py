@@ -1,0 +1,217 @@
+"""The JSON this service answers with. Every coordinate is in the input frame, every number finite."""
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Mode: TypeAlias = Literal["full", "paper"]
+Include: TypeAlias = Literal["rejected", "bop"]
+Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
+Row: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
+Matrix: TypeAlias = Annotated[list[Row], Field(min_length=4, max_length=4)]
+FlatMatrix: TypeAlias = Annotated[list[float], Field(min_length=16, max_length=16)]
+
+
+class Schema(BaseModel):
+    """Base of all schemas: immutable, no unknown members, no NaN, no infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class DetectQuery(Schema):
+    """Options of ``POST /detect``."""
+
+    mode: Mode = Field(
+        default="full",
+        description="`full`: all symmetries, refined. `paper`: the network's output, validated as there.",
+    )
+    max_error: float = Field(
+        default=4e-4,
+        gt=0,
+        le=1,
+        description="Largest symmetry error of a result, unit frame (the paper's threshold).",
+    )
+    include: list[Include] = Field(
+        default=[], description="Also return rejected candidates, or the result as BOP JSON. Repeatable."
+    )
+
+
+class Plane(Schema):
+    """A mirror plane: the points x with normal·x + offset = 0."""
+
+    normal: Vector = Field(description="Unit normal; its first non-zero component is positive.")
+    offset: float = Field(description="Input units.")
+    point: Vector = Field(description="The mesh's centre projected on the plane.")
+    matrix: Matrix = Field(description="The reflection, rows of a 4x4 matrix for column vectors.")
+    symmetry_error: float = Field(
+        ge=0, description="Mean squared distance of the reflected surface to the surface, unit frame."
+    )
+    rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
+    exact: bool = Field(description="Symmetric up to modelling precision, not merely within `max_error`.")
+    continuous: bool = Field(
+        description="Belongs to a continuous axis, every plane through which is a symmetry."
+    )
+
+
+class Axis(Schema):
+    """A rotation axis."""
+
+    direction: Vector = Field(description="Unit direction.")
+    point: Vector = Field(description="The mesh's centre projected on the axis.")
+    order: int | None = Field(
+        ge=2, description="Largest n with rotation by 2π/n a symmetry; null if continuous."
+    )
+    continuous: bool = Field(description="Rotation by every angle is a symmetry.")
+    matrix: Matrix | None = Field(
+        description="Rotation by 2π/order, rows of a 4x4 matrix; null if continuous."
+    )
+    symmetry_error: float = Field(
+        ge=0, description="Mean squared distance of the rotated surface to the surface, unit frame."
+    )
+    rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
+    exact: bool = Field(description="Symmetric up to modelling precision, not merely within `max_error`.")
+
+
+class Frame(Schema):
+    """How the answer's coordinates relate to the unit frame: unit = (input - center) / scale."""
+
+    coordinates: Literal["input"]
+    units: str | None = Field(description="Unit of length if the file states one.")
+    center: Vector = Field(description="Area-weighted centroid of the surface.")
+    scale: float = Field(gt=0, description="Twice the largest distance of a surface point from the centre.")
+
+
+class MeshInfo(Schema):
+    """The mesh as it was read."""
+
+    filename: str = Field(description="Base name of the uploaded file.")
+    format: str | None = Field(description="Format the file was read as.")
+    vertices: int = Field(ge=0)
+    faces: int = Field(ge=0)
+    bounds: Annotated[list[Vector], Field(min_length=2, max_length=2)] = Field(
+        description="Smallest and largest corner."
+    )
+    watertight: bool = Field(
+        description="Every edge belongs to exactly two faces, identical vertices merged."
+    )
+
+
+class ModelInfo(Schema):
+    """The weights that answered."""
+
+    name: str
+    version: str
+    sha256: str = Field(description="Digest of the weights file.")
+
+
+class Timings(Schema):
+    """Milliseconds on the worker, without upload and waiting; the total is a little over the sum of steps."""
+
+    parse: float = Field(ge=0)
+    voxelize: float = Field(ge=0)
+    infer: float = Field(ge=0)
+    refine: float = Field(ge=0)
+    validate_: float = Field(ge=0, alias="validate")
+    total: float = Field(ge=0)
+
+
+Reason: TypeAlias = Literal["not_symmetric", "duplicate", "not_continuous"]
+
+
+class RejectedPlane(Schema):
+    """A proposed plane that is not in the answer, and why."""
+
+    kind: Literal["plane"]
+    normal: Vector
+    offset: float
+    symmetry_error: float = Field(ge=0)
+    reason: Reason
+
+
+class RejectedAxis(Schema):
+    """A proposed axis that is not in the answer, and why."""
+
+    kind: Literal["axis"]
+    direction: Vector
+    point: Vector
+    symmetry_error: float = Field(ge=0)
+    reason: Reason
+
+
+Rejected: TypeAlias = Annotated[RejectedPlane | RejectedAxis, Field(discriminator="kind")]
+
+
+class BopContinuous(Schema):
+    """A continuous symmetry in the format of the BOP benchmark."""
+
+    axis: Vector
+    offset: Vector
+
+
+class Bop(Schema):
+    """The symmetries in the format of the BOP benchmark's ``models_info.json``, input units."""
+
+    symmetries_discrete: list[FlatMatrix] = Field(description="4x4 matrices, row-major.")
+    symmetries_continuous: list[BopContinuous]
+
+
+class DetectResponse(Schema):
+    """Every symmetry found, sorted by error. An asymmetric mesh has empty lists and the point group C1."""
+
+    planes: list[Plane]
+    axes: list[Axis]
+    point_group: str = Field(description="Schoenflies symbol in ASCII.")
+    frame: Frame
+    mesh: MeshInfo
+    model: ModelInfo
+    timings_ms: Timings
+    warnings: list[str]
+    rejected: list[Rejected] = Field(default=[], description="Only with `include=rejected`.")
+    bop: Bop | None = Field(default=None, description="Only with `include=bop`.")
+
+
+class Health(Schema):
+    """The service's state."""
+
+    status: Literal["ready", "alive"]
+
+
+class Limits(Schema):
+    """What a request may be."""
+
+    max_upload_bytes: int
+    max_vertices: int
+    max_faces: int
+    deadline_s: float
+    formats: list[str]
+
+
+class ModelCard(Schema):
+    """The served weights: what they are, how they were trained, how well they do."""
+
+    name: str
+    version: str
+    sha256: str
+    service_version: str
+    metadata: dict[str, Any] = Field(
+        description="Architecture, recipe, data, metrics: as stored with the weights."
+    )
+    limits: Limits
+
+
+class InvalidParameter(Schema):
+    """One query parameter that was refused."""
+
+    parameter: str
+    message: str
+
+
+class Problem(Schema):
+    """An error (RFC 9457)."""
+
+    type: str = Field(description="Stable identifier of the kind of error, a relative reference.")
+    title: str
+    status: int
+    detail: str = Field(description="What is wrong and what to do about it.")
+    request_id: str = Field(description="Also in the header X-Request-ID.")
+    errors: list[InvalidParameter] = Field(default=[], description="Only for invalid parameters.")

@@ -1,0 +1,78 @@
+"""Everything that can be configured, in one typed class.
+
+Each field is read from the environment variable of the same name with the prefix ``PRSNET_``, as in
+``PRSNET_PORT=9000``. Nothing else in the application reads the environment.
+"""
+
+import os
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+_CGROUP_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+
+
+def available_cores() -> int:
+    """Cores this process may use: its CPU affinity, cut to the container's CPU quota when there is one."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        quota, period = _CGROUP_QUOTA.read_text().split()
+        cores = min(cores, max(1, int(quota) // int(period)))
+    except (OSError, ValueError):  # no cgroup v2, or "max": no quota
+        pass
+    return cores
+
+
+class Settings(BaseSettings):
+    """Settings of one server process; see each field's description."""
+
+    model_config = SettingsConfigDict(env_prefix="PRSNET_", frozen=True)
+
+    host: str = Field(default="127.0.0.1", description="Address to listen on.")
+    port: int = Field(default=8000, ge=0, le=65535, description="Port to listen on; 0 picks a free one.")
+    weights: str = Field(
+        default="default",
+        description='Weights to serve: "default", "paper", or the path of a .safetensors file.',
+    )
+    workers: int = Field(
+        default_factory=available_cores,
+        ge=1,
+        le=256,
+        description="Meshes worked on at a time (default: one a core).",
+    )
+    queue: int = Field(
+        default=16,
+        ge=0,
+        le=10_000,
+        description="Requests that may wait for a worker; one more is answered with 503.",
+    )
+    deadline_s: float = Field(
+        default=60.0,
+        gt=0,
+        description="Seconds a request may take from its first byte, upload and waiting included.",
+    )
+    max_upload_bytes: int = Field(
+        default=64 * 1024 * 1024, ge=1024, description="Largest request body; more is answered with 413."
+    )
+    max_vertices: int = Field(
+        default=5_000_000, ge=3, description="Most vertices of a mesh; more is answered with 413."
+    )
+    max_faces: int = Field(
+        default=5_000_000, ge=1, description="Most faces of a mesh; more is answered with 413."
+    )
+    drain_s: float = Field(
+        default=2.0,
+        ge=0,
+        le=300,
+        description="Seconds from SIGTERM to closing the port: /health says 503, requests are served.",
+    )
+    keep_alive_s: int = Field(default=15, ge=1, description="Seconds an idle connection is kept open.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        default="info", description="Least level logged."
+    )
+
+    def summary(self) -> str:
+        """All settings on one line, ``name=value``, for the log at start-up (none is a secret)."""
+        return " ".join(f"{name}={value}" for name, value in self.model_dump().items())

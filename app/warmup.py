@@ -1,0 +1,77 @@
+"""What makes the first request as fast as the next: the kernels of detector and readers are ready."""
+
+import struct
+from collections.abc import Iterable
+
+from app.detection import SymmetryDetector
+from model.formats import read_mesh
+
+_CORNERS = [(x, 2 * y, 3 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+# Quadrilaterals and triangles, because readers treat faces of one size and of several sizes differently.
+_QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6)]
+_TRIANGLES = [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+_SPLIT = [*_TRIANGLES, *[(a, b, c) for a, b, c, _ in _QUADS], *[(a, c, d) for a, _, c, d in _QUADS]]
+_MIXED = [*_QUADS, *_TRIANGLES]
+_PLY_HEADER = (
+    "ply\nformat {} 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face {}\nproperty list uchar int vertex_indices\nend_header\n"
+)
+
+
+def warm_up(detector: SymmetryDetector) -> None:
+    """Warm up the detector, then the readers on small files of every format that has kernels."""
+    detector.warm_up()
+    for name, data in sample_files():
+        read_mesh(data, name)
+
+
+def sample_files() -> list[tuple[str, bytes]]:
+    """A box of 1 x 2 x 3 units as name and content, in all variants that are read by different kernels."""
+    corners = _lines(_CORNERS)
+    with_counts = _lines((len(face), *face) for face in _MIXED)
+    only_triangles = _lines((3, *face) for face in _SPLIT)
+    return [
+        ("box.obj", ("v " + _lines(_CORNERS, "\nv ") + "\n" + _obj_faces()).encode()),
+        ("mixed.off", f"OFF\n8 {len(_MIXED)} 0\n{corners}\n{with_counts}\n".encode()),
+        ("triangles.off", f"OFF\n8 {len(_SPLIT)} 0\n{corners}\n{only_triangles}\n".encode()),
+        ("mixed.ply", f"{_PLY_HEADER.format('ascii', len(_MIXED))}{corners}\n{with_counts}\n".encode()),
+        (
+            "triangles.ply",
+            f"{_PLY_HEADER.format('ascii', len(_SPLIT))}{corners}\n{only_triangles}\n".encode(),
+        ),
+        ("mixed_binary.ply", _binary_ply(_MIXED)),
+        ("triangles_binary.ply", _binary_ply(_SPLIT)),
+        ("ascii.stl", _ascii_stl()),
+        ("binary.stl", _binary_stl()),
+    ]
+
+
+def _lines(rows: Iterable[tuple[int, ...]], between: str = "\n") -> str:
+    return between.join(" ".join(map(str, row)) for row in rows)
+
+
+def _obj_faces() -> str:
+    return "".join("f " + " ".join(str(index + 1) for index in face) + "\n" for face in _MIXED)
+
+
+def _binary_ply(faces: list[tuple[int, ...]]) -> bytes:
+    header = _PLY_HEADER.format("binary_little_endian", len(faces)).encode()
+    vertices = b"".join(struct.pack("<3f", *corner) for corner in _CORNERS)
+    return header + vertices + b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+
+
+def _ascii_stl() -> bytes:
+    facets = (
+        "facet normal 0 0 0\nouter loop\nvertex "
+        + _lines((_CORNERS[index] for index in face), "\nvertex ")
+        + "\nendloop\nendfacet\n"
+        for face in _SPLIT
+    )
+    return f"solid box\n{''.join(facets)}endsolid box\n".encode()
+
+
+def _binary_stl() -> bytes:
+    facets = (
+        struct.pack("<12fH", 0, 0, 0, *(x for index in face for x in _CORNERS[index]), 0) for face in _SPLIT
+    )
+    return b"\0" * 80 + struct.pack("<I", len(_SPLIT)) + b"".join(facets)
