@@ -30,9 +30,7 @@ def pins(requirements: list[str]) -> dict[str, str]:
         installed = distribution(name)
         found[name] = installed.version.split("+")[0]
         for other in map(Requirement, installed.requires or []):
-            if other.marker is None or any(
-                other.marker.evaluate({"extra": extra}) for extra in ("", *extras)
-            ):
+            if other.marker is None or any(other.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
                 waiting.append(other)
     return found
 

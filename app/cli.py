@@ -28,9 +28,7 @@ Weights = Annotated[str, typer.Option(help='"default", "paper", or the path of a
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
     port: Annotated[int | None, typer.Option(help="Port to listen on; 0 picks a free one.")] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Meshes worked on at a time (default: one a core).")
-    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Meshes worked on at a time (default: one a core).")] = None,
     weights: Annotated[str | None, typer.Option(help='"default", "paper", or a .safetensors file.')] = None,
     log_level: Annotated[str | None, typer.Option(help="debug, info, warning or error.")] = None,
 ) -> None:
@@ -47,10 +45,7 @@ def serve(
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
         # Environment variables may be at fault as well as options, so both names are told.
-        faults = [
-            f"{item['loc'][0]} (PRSNET_{str(item['loc'][0]).upper()}): {item['msg']}"
-            for item in error.errors()
-        ]
+        faults = [f"{item['loc'][0]} (PRSNET_{str(item['loc'][0]).upper()}): {item['msg']}" for item in error.errors()]
         raise typer.BadParameter("; ".join(faults)) from error
     raise typer.Exit(server.serve(settings))
 
@@ -58,9 +53,7 @@ def serve(
 @app.command()
 def detect(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Mesh files.", show_default=False)],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object a line, as POST /detect answers.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, as POST /detect answers.")] = False,
     mode: Annotated[Mode, typer.Option(help="full: refined; paper: the network's own output.")] = "full",
     max_error: Annotated[float, typer.Option(help="Largest symmetry error, unit frame.")] = 4e-4,
     weights: Weights = "default",

@@ -72,14 +72,10 @@ def _errors(*kinds: ProblemType) -> dict[int | str, dict[str, Any]]:
             {"description": "", "content": {MEDIA_TYPE: {"schema": _ref("Problem"), "examples": {}}}},
         )
         entry["description"] = " or ".join(filter(None, [entry["description"], kind.title]))
-        example: dict[str, Any] = {
-            "value": problems.body(kind, kind.example, "4e1f0c52a7b84d0e9c3d6a5b7f812390")
-        }
+        example: dict[str, Any] = {"value": problems.body(kind, kind.example, "4e1f0c52a7b84d0e9c3d6a5b7f812390")}
         entry["content"][MEDIA_TYPE]["examples"][kind.slug] = example
         if kind.status == problems.OVERLOADED.status:
-            entry["headers"] = {
-                "Retry-After": {"description": "Seconds to wait.", "schema": {"type": "integer"}}
-            }
+            entry["headers"] = {"Retry-After": {"description": "Seconds to wait.", "schema": {"type": "integer"}}}
     return responses
 
 

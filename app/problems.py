@@ -77,9 +77,7 @@ INTERNAL = ProblemType(
 OVERLOADED = ProblemType(
     "overloaded", 503, "Overloaded", "All workers are busy and the queue is full. Try again in a second."
 )
-NOT_READY = ProblemType(
-    "not-ready", 503, "Not ready", "The service is starting: its weights are being loaded."
-)
+NOT_READY = ProblemType("not-ready", 503, "Not ready", "The service is starting: its weights are being loaded.")
 DEADLINE = ProblemType(
     "deadline-passed", 504, "Deadline passed", "The request took longer than the 60 seconds allowed."
 )
@@ -168,9 +166,7 @@ def _on_http_exception(request: Request, error: Exception) -> Response:
         return response(request, METHOD_NOT_ALLOWED, detail, headers)
     status = HTTPStatus(error.status_code)
     slug = status.phrase.lower().replace(" ", "-")
-    return response(
-        request, ProblemType(slug, status, status.phrase, ""), f"{status.description or status.phrase}."
-    )
+    return response(request, ProblemType(slug, status, status.phrase, ""), f"{status.description or status.phrase}.")
 
 
 def _on_disconnect(request: Request, error: Exception) -> Response:

@@ -43,9 +43,7 @@ def _planes(planes: list[Plane]) -> Table:
 def _axes(axes: list[Axis]) -> Table:
     table = _table("axis: direction", "order")
     for axis in axes:
-        table.add_row(
-            _vector(axis.direction), str(axis.order or "any angle"), *_quality(axis), _through(axis)
-        )
+        table.add_row(_vector(axis.direction), str(axis.order or "any angle"), *_quality(axis), _through(axis))
     return table
 
 

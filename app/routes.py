@@ -46,9 +46,7 @@ async def _detect(request: Request, runtime: Runtime, options: Options) -> bytes
 
 
 @router.post("/detect", **openapi.DETECT)
-async def detect(
-    request: Request, query: Annotated[schemas.DetectQuery, Query()], runtime: RuntimeOf
-) -> Response:
+async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()], runtime: RuntimeOf) -> Response:
     """Find the mirror planes and rotation axes of one mesh, in the file's own coordinates."""
     options = Options(query.mode, query.max_error, frozenset(query.include))
     seconds = runtime.settings.deadline_s
@@ -56,9 +54,7 @@ async def detect(
         async with asyncio.timeout(seconds):
             return Response(await _detect(request, runtime, options), media_type="application/json")
     except TimeoutError as error:
-        raise ProblemError(
-            DEADLINE, f"The request took longer than the {seconds:g} seconds allowed."
-        ) from error
+        raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
 
 
 @router.get("/health", **openapi.HEALTH)

@@ -48,9 +48,7 @@ class Plane(Schema):
     )
     rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
     exact: bool = Field(description="Symmetric up to modelling precision, not merely within `max_error`.")
-    continuous: bool = Field(
-        description="Belongs to a continuous axis, every plane through which is a symmetry."
-    )
+    continuous: bool = Field(description="Belongs to a continuous axis, every plane through which is a symmetry.")
 
 
 class Axis(Schema):
@@ -58,13 +56,9 @@ class Axis(Schema):
 
     direction: Vector = Field(description="Unit direction.")
     point: Vector = Field(description="The mesh's centre projected on the axis.")
-    order: int | None = Field(
-        ge=2, description="Largest n with rotation by 2π/n a symmetry; null if continuous."
-    )
+    order: int | None = Field(ge=2, description="Largest n with rotation by 2π/n a symmetry; null if continuous.")
     continuous: bool = Field(description="Rotation by every angle is a symmetry.")
-    matrix: Matrix | None = Field(
-        description="Rotation by 2π/order, rows of a 4x4 matrix; null if continuous."
-    )
+    matrix: Matrix | None = Field(description="Rotation by 2π/order, rows of a 4x4 matrix; null if continuous.")
     symmetry_error: float = Field(
         ge=0, description="Mean squared distance of the rotated surface to the surface, unit frame."
     )
@@ -91,9 +85,7 @@ class MeshInfo(Schema):
     bounds: Annotated[list[Vector], Field(min_length=2, max_length=2)] = Field(
         description="Smallest and largest corner."
     )
-    watertight: bool = Field(
-        description="Every edge belongs to exactly two faces, identical vertices merged."
-    )
+    watertight: bool = Field(description="Every edge belongs to exactly two faces, identical vertices merged.")
 
 
 class ModelInfo(Schema):
@@ -193,9 +185,7 @@ class ModelCard(Schema):
     version: str
     sha256: str
     service_version: str
-    metadata: dict[str, Any] = Field(
-        description="Architecture, recipe, data, metrics: as stored with the weights."
-    )
+    metadata: dict[str, Any] = Field(description="Architecture, recipe, data, metrics: as stored with the weights.")
     limits: Limits
 
 

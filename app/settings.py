@@ -59,9 +59,7 @@ class Settings(BaseSettings):
     max_vertices: int = Field(
         default=5_000_000, ge=3, description="Most vertices of a mesh; more is answered with 413."
     )
-    max_faces: int = Field(
-        default=5_000_000, ge=1, description="Most faces of a mesh; more is answered with 413."
-    )
+    max_faces: int = Field(default=5_000_000, ge=1, description="Most faces of a mesh; more is answered with 413.")
     drain_s: float = Field(
         default=2.0,
         ge=0,
@@ -69,9 +67,7 @@ class Settings(BaseSettings):
         description="Seconds from SIGTERM to closing the port: /health says 503, requests are served.",
     )
     keep_alive_s: int = Field(default=15, ge=1, description="Seconds an idle connection is kept open.")
-    log_level: Literal["debug", "info", "warning", "error"] = Field(
-        default="info", description="Least level logged."
-    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="Least level logged.")
 
     def summary(self) -> str:
         """All settings on one line, ``name=value``, for the log at start-up (none is a secret)."""

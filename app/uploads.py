@@ -93,16 +93,12 @@ class _Form:
                 f'The form has a field other than "{FIELD}"; options such as mode belong in the query string.'
             )
         if b"filename" not in options:
-            raise _malformed(
-                f'The field "{FIELD}" has no file name, and the format is told from its extension.'
-            )
+            raise _malformed(f'The field "{FIELD}" has no file name, and the format is told from its extension.')
         if self.filename is not None:
             raise _malformed("The form has several files.")
         self.filename = base_name(options[b"filename"].decode("utf-8", "replace"))
         if not self.filename:
-            raise _malformed(
-                f'The field "{FIELD}" has an empty file name, and the format is told from its extension.'
-            )
+            raise _malformed(f'The field "{FIELD}" has an empty file name, and the format is told from its extension.')
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
         self.data += memoryview(data)[start:end]
@@ -142,9 +138,7 @@ async def read_upload(request: Request, limit: int) -> Upload:
     except FormParserError as error:
         raise _malformed("The multipart body is not well formed.") from error
     if not form.complete:
-        raise _malformed(
-            "The multipart body ends before its closing boundary." if received else "The body is empty."
-        )
+        raise _malformed("The multipart body ends before its closing boundary." if received else "The body is empty.")
     if form.filename is None:
         raise _malformed(f'The form has no field "{FIELD}".')
     return Upload(form.filename, bytes(form.data))

@@ -71,7 +71,5 @@ def _ascii_stl() -> bytes:
 
 
 def _binary_stl() -> bytes:
-    facets = (
-        struct.pack("<12fH", 0, 0, 0, *(x for index in face for x in _CORNERS[index]), 0) for face in _SPLIT
-    )
+    facets = (struct.pack("<12fH", 0, 0, 0, *(x for index in face for x in _CORNERS[index]), 0) for face in _SPLIT)
     return b"\0" * 80 + struct.pack("<I", len(_SPLIT)) + b"".join(facets)

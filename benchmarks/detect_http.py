@@ -52,9 +52,7 @@ def server(workers: int) -> Iterator[int]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "app", "serve", "--port", str(port), "--workers", str(workers)]
-    process = subprocess.Popen(
-        [*command, "--log-level", "error"], cwd=ROOT, env=os.environ | {"PRSNET_DRAIN_S": "0"}
-    )
+    process = subprocess.Popen([*command, "--log-level", "error"], cwd=ROOT, env=os.environ | {"PRSNET_DRAIN_S": "0"})
     try:
         end = time.monotonic() + START_LIMIT_S
         while not ready(port):
@@ -115,9 +113,7 @@ class Client(threading.Thread):
             self.rows.append({"request": elapsed, **answer["timings_ms"]})
 
 
-def measure(
-    port: int, path: str, name: str, content: bytes, clients: int, count: int, end: float
-) -> list[Client]:
+def measure(port: int, path: str, name: str, content: bytes, clients: int, count: int, end: float) -> list[Client]:
     """Run ``clients`` threads of ``count`` requests each."""
     body, content_type = multipart(name, content)
     threads = [Client(port, path, body, content_type, count, end) for _ in range(clients)]
@@ -132,9 +128,7 @@ def measure(
 
 def main() -> None:
     """Parse the command line, measure, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--file", type=Path, help="mesh to send (default: a generated OBJ of 4,608 faces)")
     parser.add_argument("--requests", type=int, default=200, help="requests of each client (default: 200)")
     parser.add_argument("--clients", type=int, default=1, help="clients at a time (default: 1)")

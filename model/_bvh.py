@@ -220,7 +220,10 @@ def _split_large(
     box: FloatArray,
     halve: bool,
 ) -> int:
-    """Partition a range at the cheapest of ``_BINS`` planes; `low` holds its extent, and in the end that of each side."""
+    """Partition a range at the cheapest of ``_BINS`` planes; the start of the right side.
+
+    `low` holds the extent of the range, and in the end `low` and `high` hold that of each side.
+    """
     axis = _widest(low)
     origin = low[6 + axis]
     width = low[9 + axis] - origin

@@ -52,9 +52,7 @@ def _extent(vertices: FloatArray, faces: IntArray, face: int, axes: FloatArray, 
 
 
 @jit
-def _frame_of_worst(
-    vertices: FloatArray, faces: IntArray, start: int, end: int, step: int, axes: FloatArray
-) -> None:
+def _frame_of_worst(vertices: FloatArray, faces: IntArray, start: int, end: int, step: int, axes: FloatArray) -> None:
     """Axes along an edge and the normal of the triangle that wastes most of its box, among some of the faces."""
     worst, largest = start, -1.0
     for face in range(start, end, step):

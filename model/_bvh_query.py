@@ -19,7 +19,7 @@ def pack(vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntAr
     owners = np.empty(leaves.shape[0] * LANES, dtype=np.int32)
     for leaf in range(leaves.shape[0]):
         for lane in range(LANES):
-            face = sources[min(leaves[leaf, 0] + lane, leaves[leaf, 1] - 1)]
+            face = int(sources[min(leaves[leaf, 0] + lane, leaves[leaf, 1] - 1)])
             owners[leaf * LANES + lane] = face
             _frame(vertices, faces, face, frames, leaf * ROWS * LANES + lane)
     return frames, owners
@@ -174,9 +174,10 @@ def search(
                         place -= 1
                     waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
                     top += 1
-        squared[point] = best if found >= 0 else np.inf
+        best = best if found >= 0 else np.inf
+        squared[point] = best
         lanes_found[point] = found
-        total += squared[point]
+        total += best
         if total > stop_above:
             break
     return total
@@ -210,9 +211,7 @@ def closest_points(points: FloatArray, lanes_found: AnyArray, frames: FloatArray
                 u, v = base + t * rx, t * cy
         for axis in range(3):
             result[point, axis] = (
-                frames[at + axis * LANES]
-                + u * frames[at + (3 + axis) * LANES]
-                + v * frames[at + (6 + axis) * LANES]
+                frames[at + axis * LANES] + u * frames[at + (3 + axis) * LANES] + v * frames[at + (6 + axis) * LANES]
             )
 
 
@@ -239,8 +238,11 @@ def morton_order(points: FloatArray) -> IntArray:
             cell = (cell | (cell << 2)) & 0x09249249
             key |= cell << axis
         keys[point] = key
-    order = np.arange(count).astype(np.int32)
-    sorted_keys, sorted_order = np.empty_like(keys), np.empty_like(order)
+    order = np.empty(count, dtype=np.int32)
+    for point in range(count):
+        order[point] = point
+    sorted_keys = np.empty(count, dtype=np.int32)
+    sorted_order = np.empty(count, dtype=np.int32)
     starts = np.empty(1024, dtype=np.int64)
     for shift in range(0, 30, 10):
         starts[:] = 0

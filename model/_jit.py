@@ -1,22 +1,22 @@
-"""The one decorator that compiles numeric loops, and the one array layout they are compiled for.
+"""The decorators that compile numeric loops, and the one array layout they are compiled for.
 
-Compiled code is kept beside the source, as numba does. Two things differ from plain ``numba.njit(cache=True)``: a cache
-that can be read but not written (a container image with a read-only root) is used instead of ignored, and a place where
-nothing can be cached at all costs compile time but is no error.
-
-A cached kernel is rebuilt when *its own* file changes, not when a file it calls into does. Hence the rule: a kernel calls
-only kernels of its own module.
+Compiled code is kept beside the source, as numba does. Three things differ from plain ``numba.njit(cache=True)``: a
+cache that can be read but not written (a container image with a read-only root) is used instead of ignored; a place
+where nothing can be cached at all costs compile time but is no error; and a kernel is compiled again when any file with
+kernels changes, because numba would only look at the kernel's own file and not at those it calls into.
 """
 
+import contextlib
+import functools
+import hashlib
 import os
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
 import numpy as np
-from numba.core import caching
+from numba.core import caching  # pyright: ignore[reportUnknownVariableType]
 
 from model.types import AnyArray
 
@@ -25,6 +25,17 @@ _R = TypeVar("_R")
 # numba ships no type information; everything below that touches it goes through these untyped names.
 _njit: Any = numba.njit  # pyright: ignore[reportUnknownMemberType]
 _caching: Any = caching
+
+
+@functools.cache
+def _kernel_sources() -> str:
+    """Hash of all files of this package that hold kernels."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        content = path.read_bytes()
+        if b"model._jit" in content:
+            digest.update(content)
+    return digest.hexdigest()
 
 
 class _ReadableLocator(_caching.InTreeCacheLocator):
@@ -38,12 +49,12 @@ class _ReadableLocator(_caching.InTreeCacheLocator):
 
 
 class _Implementation(_caching.CompileResultCacheImpl):
-    _locator_classes = [
+    _locator_classes = (
         _caching.UserProvidedCacheLocator,
         _caching.InTreeCacheLocator,
         _ReadableLocator,
         _caching.UserWideCacheLocator,
-    ]
+    )
 
 
 class _TolerantCache(_caching.FunctionCache):
@@ -51,25 +62,31 @@ class _TolerantCache(_caching.FunctionCache):
 
     _impl_class = _Implementation
 
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        self._cache_file._source_stamp = (self._cache_file._source_stamp, _kernel_sources())
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        parent: Any = super()
         try:
-            return super().load_overload(sig, target_context)
-        except (OSError, EOFError, pickle.UnpicklingError):
+            return parent.load_overload(sig, target_context)
+        except Exception:  # unpickling damaged files can raise anything
+            with contextlib.suppress(OSError):
+                parent.flush()
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        try:
-            super().save_overload(sig, data)
-        except OSError:
-            return
+        parent: Any = super()
+        with contextlib.suppress(OSError):
+            parent.save_overload(sig, data)
 
 
 def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a kernel at its first call; the GIL is released while it runs.
 
     The kernel may not allocate arrays. In return references to arrays are not counted: otherwise every call of a small
-    helper would cost some atomic increments, which slowed the readers ten times. IEEE arithmetic is kept (no fast-math),
-    except that a division by zero gives an infinity instead of an exception.
+    helper would cost some atomic increments, which slowed the readers ten times. IEEE arithmetic is kept (no
+    fast-math), except that a division by zero gives an infinity instead of an exception.
     """
     return _compile(function, _nrt=False)
 

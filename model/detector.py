@@ -1,4 +1,6 @@
-"""The detector: a mesh in, its symmetries out. Works as a library:
+"""The detector: a mesh in, its symmetries out.
+
+It works as a library:
 
 >>> from model import Detector
 >>> detector = Detector.load()
@@ -29,13 +31,13 @@ SAMPLES = 1000
 """Surface samples an element is judged on (the paper's N)."""
 
 EXACT_ERROR = 1e-6
-"""An SDE below this is symmetry up to modelling precision: an RMS deviation of 0.1 % of the bounding sphere's diameter."""
+"""An SDE below this is symmetry up to modelling precision: 0.1 % of the bounding sphere's diameter RMS."""
 
 FULL_IS_PAPER = "mode=full returns the paper's result in this version: nothing is refined and no group is completed."
 
 
 class Detector:
-    """A trained network with everything around it that turns a mesh into symmetries. Safe to use from several threads."""
+    """A trained network with everything around it that turns a mesh into symmetries; several threads may share it."""
 
     def __init__(self, checkpoint: Checkpoint) -> None:
         self._checkpoint = checkpoint
@@ -110,9 +112,7 @@ class Detector:
         timings["total"] = _since(started)
         return result
 
-    def propose(
-        self, vertices: FloatArray, faces: IntArray, timings: dict[str, float] | None = None
-    ) -> Proposals:
+    def propose(self, vertices: FloatArray, faces: IntArray, timings: dict[str, float] | None = None) -> Proposals:
         """The network's raw planes and rotations for a shape in the unit frame, before any validation.
 
         Args:
@@ -185,6 +185,4 @@ def _rejected(judged: Judged, frame: UnitFrame) -> Rejected:
     if len(judged.vector) == 4:
         plane = _signed(frame.plane_to_input(judged.vector))
         return Rejected("plane", judged.error, judged.reason, normal=plane[:3], offset=float(plane[3]))
-    return Rejected(
-        "axis", judged.error, judged.reason, direction=_signed(judged.vector), point=frame.center
-    )
+    return Rejected("axis", judged.error, judged.reason, direction=_signed(judged.vector), point=frame.center)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from model._jit import jit, jit_allocating, kernel_array
 from model._topology import is_watertight
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
-from model.types import AnyArray, BoolArray, FloatArray, IntArray
+from model.types import AnyArray, FloatArray, IntArray
 
 # Below this share of the squared bounding-box diagonal, area is rounding noise of points on a line.
 _SMALLEST_AREA = 1e-14
@@ -121,7 +121,8 @@ def as_mesh(value: MeshLike) -> Mesh:
     """A checked mesh from whatever a caller holds.
 
     Args:
-        value: a ``Mesh``; an object with ``vertices`` and ``faces`` (``trimesh.Trimesh``); a ``trimesh.Scene``, taken in
+        value: a ``Mesh``; an object with ``vertices`` and ``faces`` (``trimesh.Trimesh``); a ``trimesh.Scene``, taken
+        in
             world coordinates; a pair (vertices, faces); or the path of a mesh file.
 
     Raises:
@@ -140,7 +141,7 @@ def as_mesh(value: MeshLike) -> Mesh:
         return as_mesh(value.to_mesh())
     if isinstance(value, HasTriangles):
         return Mesh.checked(value.vertices, value.faces)
-    if isinstance(value, Sequence) and len(value) == 2:
+    if isinstance(value, tuple | list) and len(value) == 2:
         return Mesh.checked(value[0], value[1])
     raise TypeError(f"cannot make a mesh out of a {type(value).__name__}")
 
@@ -165,11 +166,11 @@ def _as_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, AnyAr
 @jit_allocating
 def _bounds(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Corners of the box around the vertices that faces use."""
-    used: BoolArray = np.zeros(vertices.shape[0], dtype=np.bool_)
+    used = np.zeros(vertices.shape[0], dtype=np.uint8)
     for face in range(faces.shape[0]):
-        used[faces[face, 0]] = True
-        used[faces[face, 1]] = True
-        used[faces[face, 2]] = True
+        used[faces[face, 0]] = 1
+        used[faces[face, 1]] = 1
+        used[faces[face, 2]] = 1
     result = np.empty((2, 3))
     result[0] = np.inf
     result[1] = -np.inf

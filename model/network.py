@@ -18,9 +18,9 @@ class Architecture:
     """What it takes to rebuild a network before its weights are loaded.
 
     ``resolution`` R is a power of two and gives log2 R convolution blocks. ``width`` multiplies every channel
-    count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each pooling (an eighth of the work
-    of one behind the convolution), which the paper does not have. ``planes`` and ``rotations`` are the numbers of heads, at most three each: the initial
-    directions are the coordinate axes.
+    count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each pooling (an eighth of
+    the work of one behind the convolution), which the paper does not have. ``planes`` and ``rotations`` are the numbers
+    of heads, at most three each: the initial directions are the coordinate axes.
     """
 
     resolution: int = 32
@@ -95,11 +95,11 @@ class PRSNet(nn.Module):
         """
         features = self._features(voxels).flatten(1)
         planes = torch.stack([head(features) for head in self.plane_heads], dim=1)
-        planes = planes / planes[..., :3].norm(dim=-1, keepdim=True).clamp_min(1e-12)
+        planes = planes / _length(planes[..., :3]).clamp_min(1e-12)
         if not self.rotation_heads:
             return planes, planes.new_zeros((len(planes), 0, 4))
         quaternions = torch.stack([head(features) for head in self.rotation_heads], dim=1)
-        return planes, quaternions / quaternions.norm(dim=-1, keepdim=True).clamp_min(1e-12)
+        return planes, quaternions / _length(quaternions).clamp_min(1e-12)
 
     def _features(self, voxels: Tensor) -> Tensor:
         if voxels.device.type != "cpu":
@@ -116,12 +116,17 @@ def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:
     """
     quaternions = torch.where(quaternions[..., :1] < 0, -quaternions, quaternions)
     imaginary = quaternions[..., 1:]
-    sine = imaginary.norm(dim=-1)
+    sine = _length(imaginary)[..., 0]
     angle = 2.0 * torch.atan2(sine, quaternions[..., 0])
     fallback = torch.zeros_like(imaginary)
     fallback[..., 0] = 1.0
     axis = torch.where(sine[..., None] > 1e-9, imaginary / sine[..., None].clamp_min(1e-12), fallback)
     return axis, angle
+
+
+def _length(vectors: Tensor) -> Tensor:
+    """Euclidean length over the last dimension, which is kept."""
+    return vectors.square().sum(-1, keepdim=True).sqrt()
 
 
 def _head(features: int) -> nn.Sequential:

@@ -1,4 +1,4 @@
-"""What the network proposes for a shape: frames in, one forward pass or several, planes and rotations in the unit frame."""
+"""What the network proposes for a shape: one forward pass or several, planes and rotations in the unit frame."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -20,7 +20,10 @@ _SAME_DIRECTION = float(np.cos(np.pi / 4))
 
 @dataclass(frozen=True, slots=True)
 class Proposals:
-    """Raw network output in the unit frame: ``planes`` ``(p, 4)`` rows ``(n, d)``, ``directions`` ``(r, 3)``, ``angles`` ``(r,)``."""
+    """Raw network output in the unit frame.
+
+    ``planes`` ``(p, 4)`` rows ``(n, d)``, ``directions`` ``(r, 3)`` unit, ``angles`` ``(r,)`` radians.
+    """
 
     planes: FloatArray
     directions: FloatArray
@@ -38,11 +41,11 @@ def fed_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, ro
     """The turned shape as network input ``(1, 1, R, R, R)``."""
     turned = np.ascontiguousarray(vertices @ rotation.T)
     occupied = voxelize(turned, faces, checkpoint.network.architecture.resolution)
-    return torch.from_numpy(occupied.astype(np.float32))[None, None]
+    return torch.as_tensor(occupied.astype(np.float32))[None, None]
 
 
 def predict(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray) -> Proposals:
-    """One pass: the network on ``voxels`` (averaged over sign frames where the weights ask for it), in the unit frame."""
+    """One pass: the network on ``voxels``, averaged over sign frames if the weights ask for it, in the unit frame."""
     signs = _SIGNS[: checkpoint.input.sign_frames]
     batch = torch.cat([torch.flip(voxels, [axis + 2 for axis in range(3) if sign[axis] < 0]) for sign in signs])
     with torch.inference_mode():
@@ -55,7 +58,7 @@ def predict(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray) -> Pro
     mean_planes = np.stack([_mean_plane(head) for head in planes])
     mean_planes[:, :3] = mean_planes[:, :3] @ rotation
     turns = np.stack([sign_free_mean(head) for head in quaternions]) if len(quaternions) else np.zeros((0, 4))
-    directions, angles = axis_angle(torch.from_numpy(turns))
+    directions, angles = axis_angle(torch.as_tensor(turns))
     return Proposals(mean_planes, directions.numpy() @ rotation, angles.numpy())
 
 

@@ -10,8 +10,8 @@ from model.types import FloatArray, IntArray
 def sample_surface(vertices: FloatArray, faces: IntArray, count: int, seed: int) -> tuple[FloatArray, IntArray]:
     """Points distributed uniformly over the surface, with low variance.
 
-    The surface, laid out face after face by area, is cut into ``count`` strips of equal area and one point drawn in each.
-    A face therefore receives its expected number of points, rounded up or down. The points come ordered by face:
+    The surface, laid out face after face by area, is cut into ``count`` strips of equal area and one point drawn in
+    each. A face therefore receives its expected number of points, rounded up or down. The points come ordered by face:
     to take fewer, draw fewer, or take every k-th.
 
     Args:
@@ -35,9 +35,7 @@ def sample_surface(vertices: FloatArray, faces: IntArray, count: int, seed: int)
 
 
 @jit_allocating
-def _draw(
-    vertices: FloatArray, faces: IntArray, numbers: FloatArray, points: FloatArray, owners: IntArray
-) -> bool:
+def _draw(vertices: FloatArray, faces: IntArray, numbers: FloatArray, points: FloatArray, owners: IntArray) -> bool:
     """Fill ``points`` and ``owners``; False if the total area is not a positive finite number."""
     areas = np.empty(faces.shape[0])
     total = 0.0

@@ -10,7 +10,6 @@ from itertools import product
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 
 def convolve_and_pool(voxels: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
@@ -25,21 +24,22 @@ def convolve_and_pool(voxels: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         ``(b, c, R/2, R/2, R/2)`` in the channels-last memory format.
     """
     size, channels, half = len(voxels), weight.shape[0], voxels.shape[-1] // 2
-    padded = functional.pad(voxels[:, 0], (1, 1, 1, 1, 1, 1))
+    padded = torch.constant_pad_nd(voxels[:, 0], (1, 1, 1, 1, 1, 1))
     filled = padded > 0
     for axis in (1, 2, 3):
         # A cell's patch is four voxels wide and the next one begins two further on.
-        pairs = filled.unflatten(axis, (half + 1, 2)).any(axis + 1)
+        shape = filled.shape
+        pairs = filled.view(*shape[:axis], half + 1, 2, *shape[axis + 1 :]).any(axis + 1)
         filled = pairs.narrow(axis, 0, half) | pairs.narrow(axis, 1, half)
-    shape, x, y, z = filled.nonzero(as_tuple=True)
+    item, x, y, z = filled.nonzero(as_tuple=True)
     edge = 2 * half + 2
-    corner = ((shape * edge + 2 * x) * edge + 2 * y) * edge + 2 * z
+    corner = ((item * edge + 2 * x) * edge + 2 * y) * edge + 2 * z
     steps = torch.arange(4)
     within = ((steps[:, None, None] * edge + steps[:, None]) * edge + steps).flatten()
     patches = padded.flatten()[corner[:, None] + within]
     kernels = torch.stack([_at(weight, offset) for offset in product((0, 1), repeat=3)])
-    values = (patches @ kernels.flatten(0, 1).t()).unflatten(1, (8, channels)).amax(1) + bias
-    rows = ((shape * half + x) * half + y) * half + z
+    values = (patches @ kernels.view(-1, 64).t()).view(-1, 8, channels).amax(1) + bias
+    rows = ((item * half + x) * half + y) * half + z
     pooled = bias.expand(size * half**3, channels).index_copy(0, rows, values)
     return pooled.view(size, half, half, half, channels).permute(0, 4, 1, 2, 3)
 
@@ -47,4 +47,4 @@ def convolve_and_pool(voxels: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 def _at(weight: Tensor, offset: tuple[int, ...]) -> Tensor:
     """The 3^3 kernels at one of their eight positions in a 4^3 patch: ``(c, 64)``."""
     x, y, z = offset
-    return functional.pad(weight[:, 0], (z, 1 - z, y, 1 - y, x, 1 - x)).flatten(1)
+    return torch.constant_pad_nd(weight[:, 0], (z, 1 - z, y, 1 - y, x, 1 - x)).flatten(1)

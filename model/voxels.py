@@ -3,7 +3,7 @@
 import numpy as np
 
 from model._jit import jit, jit_allocating, kernel_array
-from model.types import AnyArray, BoolArray, FloatArray, IntArray
+from model.types import BoolArray, FloatArray, IntArray
 
 # In voxel edges: touching within this distance counts as touching. It covers the rounding of the tests themselves, so
 # that a voxel is never missed, and is far below any difference a mesh file can express.
@@ -28,7 +28,9 @@ def voxelize(vertices_unit: FloatArray, faces: IntArray, resolution: int = 32) -
     if resolution < 1:
         raise ValueError("the resolution must be at least 1")
     occupied = np.zeros((resolution, resolution, resolution), dtype=np.bool_)
-    _mark_triangles(kernel_array(vertices_unit, np.float64), kernel_array(faces, np.int32), resolution, occupied.ravel())
+    _mark_triangles(
+        kernel_array(vertices_unit, np.float64), kernel_array(faces, np.int32), resolution, occupied.ravel()
+    )
     return occupied
 
 
@@ -131,9 +133,7 @@ def _mark_triangles(vertices: FloatArray, faces: IntArray, resolution: int, occu
 
 
 @jit
-def _all_marked(
-    x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, resolution: int, occupied: BoolArray
-) -> bool:
+def _all_marked(x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, resolution: int, occupied: BoolArray) -> bool:
     """Whether every voxel of a small index box is occupied already; False without looking for larger boxes."""
     if (x1 - x0 + 1) * (y1 - y0 + 1) * (z1 - z0 + 1) > 12:
         return False

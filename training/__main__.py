@@ -28,7 +28,8 @@ def prepare(
     progress: Verbose = True,
 ) -> None:
     """Turn folders of meshes into packed arrays. Call it again to resume."""
-    from training.prepare import Options, prepare as run
+    from training.prepare import Options
+    from training.prepare import prepare as run
 
     try:
         summary = run(folders, out, Options(resolution, samples, mesh_only), workers, progress)
@@ -54,7 +55,8 @@ def fit(
     """Train a network. Needs torch and numpy alone, beside this command line."""
     import torch
 
-    from training.fit import Progress, fit as train
+    from training.fit import Progress
+    from training.fit import fit as train
     from training.prepared import PreparedSet
     from training.recipe import Recipe
 
@@ -114,7 +116,9 @@ def evaluate(
     folders: Annotated[list[Path], typer.Argument(help="Folders of meshes, or of shapes with ground_truth.json.")],
     weights: Annotated[list[str] | None, typer.Option(help="Weights to judge; may be repeated.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
-    damage: Annotated[str, typer.Option(help="clean, or partial: a ball of triangles removed before detection.")] = "clean",
+    damage: Annotated[
+        str, typer.Option(help="clean, or partial: a ball of triangles removed before detection.")
+    ] = "clean",
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     reference: Annotated[
@@ -124,7 +128,8 @@ def evaluate(
     progress: Verbose = True,
 ) -> None:
     """Judge weights beside PCA and the untrained network: exact distances, random poses, one table."""
-    from training.evaluate import evaluate as run, render
+    from training.evaluate import evaluate as run
+    from training.evaluate import render
 
     try:
         report = run(

@@ -10,7 +10,8 @@ from itertools import product
 import torch
 from torch import Tensor
 
-_NEIGHBOURS = [offset for offset in product((-1, 0, 1), repeat=3) if offset != (0, 0, 0)]
+_STEPS = (-1, 0, 1)
+_NEIGHBOURS = [(x, y, z) for x, y, z in product(_STEPS, _STEPS, _STEPS) if (x, y, z) != (0, 0, 0)]
 
 
 def voxel_centres(resolution: int, device: torch.device) -> Tensor:
@@ -20,7 +21,7 @@ def voxel_centres(resolution: int, device: torch.device) -> Tensor:
 
 
 def flood_closest(points: Tensor, resolution: int) -> Tensor:
-    """Nearly the nearest sample to the centre of every voxel: one sample a voxel takes part, within its edge of the best.
+    """Nearly the nearest sample to the centre of every voxel; one sample a voxel takes part, the rest are left out.
 
     Args:
         points: ``(b, n, 3)`` float, surface samples in the unit frame.

@@ -177,9 +177,10 @@ def _against(truth: FloatArray, planes: FloatArray, errors: list[float]) -> dict
 
 
 def cut_ball(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> IntArray:
-    """Remove the triangles whose centroid lies in a ball (radius 15 % of the bounding box' diagonal) about a surface point.
+    """Remove a ball of triangles about a surface point, its radius 15 % of the bounding box' diagonal.
 
-    If next to nothing would be left, other points are tried; after ten the mesh stays whole.
+    A triangle goes when its centroid lies inside. If next to nothing would be left, other points are tried; after ten
+    the mesh stays whole.
     """
     corners = vertices[faces]
     middle = corners.mean(1)
@@ -192,7 +193,7 @@ def cut_ball(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) ->
 
 
 def summarise(results: Sequence[ShapeResult], weights: Sequence[str], damage: str) -> dict[str, Any]:
-    """Figures per method over all judged shapes; means of the best plane's SDE, shares as fractions, angles in degrees."""
+    """Figures per method over all judged shapes: SDE of the best plane, shares as fractions, angles in degrees."""
     done = [result for result in results if result.skipped is None]
     if not done:
         raise ValueError("no shape could be judged")

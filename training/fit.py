@@ -27,7 +27,7 @@ from training.store import ShapeStore
 
 VALIDATION_SHAPES = 512
 _VALIDATION_SEED = 20_190_419
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "step", "loss", "symmetry", "regularization", "best_plane", "learning_rate", "gradient_norm", "turn", "half_turn",
     "samples_per_second", "validation_loss", "validation_best_plane", "validation_plane", "validation_share",
 )  # fmt: skip
@@ -107,7 +107,7 @@ def draw_shapes(pool: Tensor, recipe: Recipe, step: int) -> Tensor:
 
 @torch.no_grad()
 def validate(network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe) -> dict[str, float]:
-    """Losses on held-out shapes, always the same inputs; errors are read off the training grid, so they are biased up."""
+    """Losses on held-out shapes, always the same inputs; errors come from the training grid and are biased up."""
     network.eval()
     generator = torch.Generator(store.device).manual_seed(_VALIDATION_SEED)
     totals, planes = [], []
@@ -177,10 +177,10 @@ def fit(
     store = ShapeStore(prepared, torch_device, recipe.loss.grid, on_derive)
     pool = torch.from_numpy(train_index).to(torch_device)
     held_out = torch.from_numpy(validation_index if len(validation_index) else train_index).to(torch_device)
-    held_out = held_out[: VALIDATION_SHAPES]
+    held_out = held_out[:VALIDATION_SHAPES]
 
     torch.manual_seed(recipe.seed)
-    network = PRSNet(recipe.network).to(torch_device, memory_format=torch.channels_last_3d)
+    network = PRSNet(recipe.network).to(torch_device).to(memory_format=torch.channels_last_3d)
     optimizer = torch.optim.Adam(network.parameters(), lr=recipe.optimizer.learning_rate)
     step, best = 0, math.inf
     if (run / "last.pt").is_file():
@@ -199,9 +199,7 @@ def fit(
         for group in optimizer.param_groups:
             group["lr"] = rate
         generator.manual_seed(recipe.seed * 1_000_003 + step)
-        losses, planes, quaternions = batch_losses(
-            network, store, draw_shapes(pool, recipe, step), recipe, generator
-        )
+        losses, planes, quaternions = batch_losses(network, store, draw_shapes(pool, recipe, step), recipe, generator)
         optimizer.zero_grad(set_to_none=True)
         losses.total.backward()
         limit = recipe.optimizer.clip_norm or math.inf

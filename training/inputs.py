@@ -13,8 +13,9 @@ from training.recipe import DamageRecipe, InputRecipe
 
 @dataclass(slots=True)
 class Pose:
-    """The frame the network is fed with: ``fed = rotation (canonical - center) / scale``, canonical = prepared unit frame.
+    """The frame the network is fed with: ``fed = rotation (canonical - center) / scale``.
 
+    Canonical is the unit frame of the prepared shape.
     ``rotation`` ``(b, 3, 3)`` orthogonal, ``center`` ``(b, 3)``, ``scale`` ``(b,)``.
     """
 
@@ -23,7 +24,7 @@ class Pose:
     scale: Tensor
 
     def to_canonical(self, linear: Tensor, shift: Tensor) -> tuple[Tensor, Tensor]:
-        """Affine maps of the fed frame, ``(b, h, 3, 3)`` orthogonal and ``(b, h, 3)``, as maps of the canonical frame."""
+        """Affine maps ``(b, h, 3, 3)`` (orthogonal), ``(b, h, 3)`` of the fed frame as maps of the canonical frame."""
         rotation = self.rotation[:, None]
         linear = rotation.mT @ linear @ rotation
         moved = (shift[:, :, None] @ rotation)[:, :, 0] * self.scale[:, None, None]
@@ -73,9 +74,7 @@ def rotation_vectors(vectors: Tensor) -> Tensor:
     return rotation_matrices(torch.cat([torch.cos(angle / 2), torch.sin(angle / 2) * vectors / angle], dim=1))
 
 
-def _inertia_rotations(
-    meshes: MeshBatch, center: Tensor, recipe: InputRecipe, generator: torch.Generator
-) -> Tensor:
+def _inertia_rotations(meshes: MeshBatch, center: Tensor, recipe: InputRecipe, generator: torch.Generator) -> Tensor:
     device = center.device
     # The eigenvectors of 3 x 3 matrices: a GPU solves thousands of tiny problems slower than the CPU does.
     values, vectors = torch.linalg.eigh(covariances(meshes, center).double().cpu())

@@ -43,7 +43,7 @@ def regularization(planes: Tensor, quaternions: Tensor) -> Tensor:
 
 @dataclass(slots=True)
 class Losses:
-    """One batch's loss and its parts; ``plane_errors`` ``(b, h)`` and ``rotation_errors`` are means over the samples."""
+    """One batch's loss and its parts; ``plane_errors`` and ``rotation_errors`` ``(b, h)`` are means over samples."""
 
     total: Tensor
     symmetry: Tensor
@@ -52,9 +52,7 @@ class Losses:
     rotation_errors: Tensor
 
 
-def combine(
-    distances: Tensor, planes: Tensor, quaternions: Tensor, weight: float, best_head: float
-) -> Losses:
+def combine(distances: Tensor, planes: Tensor, quaternions: Tensor, weight: float, best_head: float) -> Losses:
     """The overall loss ``L_sd + w_r L_r`` (Eqs. 4 and 8), summed over samples and heads, averaged over the batch.
 
     Args:

@@ -41,9 +41,7 @@ class MeshBatch:
         return values.new_zeros((self.size, *values.shape[1:])).index_add_(0, self.shape, values)
 
 
-def gather(
-    vertices: Tensor, faces: Tensor, vertex_start: Tensor, face_start: Tensor, shapes: Tensor
-) -> MeshBatch:
+def gather(vertices: Tensor, faces: Tensor, vertex_start: Tensor, face_start: Tensor, shapes: Tensor) -> MeshBatch:
     """Take ``shapes`` ``(b,)`` out of flat storage.
 
     Args:

@@ -14,9 +14,7 @@ import numpy as np
 
 from model.types import FloatArray
 
-_SAME = (
-    1e-6  # two unit vectors or matrices closer than this are the same element; the nearest differ by over 0.1
-)
+_SAME = 1e-6  # two unit vectors or matrices closer than this are the same element; the nearest differ by over 0.1
 _CYCLIC = re.compile(r"(C|D|S)([1-9]\d*)(v|h|d)?")
 
 
@@ -135,9 +133,7 @@ def _closure(generators: list[FloatArray]) -> FloatArray:
 
 
 def _rotation_axis(matrix: FloatArray) -> FloatArray:
-    twice_sine = np.array(
-        [matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]
-    )
+    twice_sine = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     length = float(np.linalg.norm(twice_sine))
     if length > _SAME:
         return canonical_sign(twice_sine / length)

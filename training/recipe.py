@@ -56,7 +56,7 @@ class LossRecipe:
 
 @dataclass(frozen=True, slots=True)
 class OptimizerRecipe:
-    """Adam. ``schedule`` is ``constant`` or ``one-cycle`` (linear warm-up over ``warmup`` of the run, then cosine to 0)."""
+    """Adam. ``one-cycle`` warms up linearly over the share ``warmup`` of the run, then follows a cosine to zero."""
 
     steps: int = 20_000
     batch: int = 32

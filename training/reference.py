@@ -13,10 +13,13 @@ from model.transforms import reflect
 from model.types import FloatArray, IntArray
 
 CLEAR_ERROR = 1e-6
-STARTS = 96
-_COARSE_SAMPLES, _FINE_SAMPLES, _JUDGE_SAMPLES = 192, 1500, 2000
-_COARSE_STEPS, _FINE_STEPS = 12, 30
-_PROMISING = 1e-3
+STARTS = 64
+_COARSE_SAMPLES, _FINE_SAMPLES, _JUDGE_SAMPLES = 128, 800, 2000
+_COARSE_STEPS, _FINE_STEPS, _POLISH_STEPS = 10, 24, 100
+_PROMISING = 3e-4
+"""Steps converge linearly: a start with a larger error after the coarse steps is not on its way to a clear plane."""
+_LARGEST = 32
+"""A surface of revolution has planes without end: no more are listed."""
 _SAME_ANGLE = np.deg2rad(1.0)
 
 
@@ -45,7 +48,7 @@ def refine_step(plane: FloatArray, surface: SurfaceIndex, samples: FloatArray) -
 def clear_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """All clear planes the search finds: ``(k, 4)`` rows ``(n, d)`` in the frame of ``vertices``, the unit frame.
 
-    Of a continuous family the search finds as many members as starts lead it to.
+    Of a continuous family it lists some members, 32 planes at most.
     """
     surface = SurfaceIndex(vertices, faces)
     coarse, _ = sample_surface(vertices, faces, _COARSE_SAMPLES, seed=101)
@@ -54,26 +57,50 @@ def clear_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
     starts = np.vstack([inertia_frame(vertices, faces)[0], np.eye(3), hemisphere(STARTS)])
     found: list[FloatArray] = []
     seen: list[FloatArray] = []
+
+    def try_plane(plane: FloatArray) -> None:
+        plane = _settled(plane, surface, fine, _FINE_STEPS)
+        if _known(plane, found):
+            return
+        if surface.mean_squared_distance(reflect(judge, plane), CLEAR_ERROR) <= CLEAR_ERROR:
+            found.append(_settled(plane, surface, fine, _POLISH_STEPS))
+
     for start in starts:
-        plane = np.append(start, 0.0)
-        for _ in range(_COARSE_STEPS):
-            plane = refine_step(plane, surface, coarse)
-        if _known(plane, seen):
+        plane = _coarse(np.append(start, 0.0), surface, coarse, seen)
+        if plane is None:
             continue
         seen.append(plane)
-        if surface.mean_squared_distance(reflect(coarse, plane), _PROMISING) > _PROMISING:
-            continue
-        for _ in range(_FINE_STEPS):
-            moved = refine_step(plane, surface, fine)
-            settled = np.abs(moved - plane * np.sign(moved[:3] @ plane[:3])).max() < 1e-10
-            plane = moved
-            if settled:
-                break
-        if _known(plane, found):
-            continue
-        if surface.mean_squared_distance(reflect(judge, plane), CLEAR_ERROR) <= CLEAR_ERROR:
-            found.append(plane)
+        if surface.mean_squared_distance(reflect(coarse, plane), _PROMISING) <= _PROMISING:
+            try_plane(plane)
+    # A plane reflected in another one is a symmetry plane too: what the starts missed of a group follows from the rest.
+    pairs = 0
+    while pairs < len(found) ** 2 and len(found) < _LARGEST:
+        mirror, plane = found[pairs % len(found)], found[pairs // len(found)]
+        pairs += 1
+        normal = plane[:3] - 2.0 * (plane[:3] @ mirror[:3]) * mirror[:3]
+        image = np.append(normal, plane[3] - 2.0 * (plane[:3] @ mirror[:3]) * mirror[3])
+        if not _known(image, found):
+            try_plane(image)
     return np.stack(found) if found else np.zeros((0, 4))
+
+
+def _settled(plane: FloatArray, surface: SurfaceIndex, samples: FloatArray, steps: int) -> FloatArray:
+    for _ in range(steps):
+        moved = refine_step(plane, surface, samples)
+        settled = np.abs(moved - plane * np.sign(moved[:3] @ plane[:3])).max() < 1e-9
+        plane = moved
+        if settled:
+            break
+    return plane
+
+
+def _coarse(plane: FloatArray, surface: SurfaceIndex, samples: FloatArray, seen: list[FloatArray]) -> FloatArray | None:
+    """Refine on few samples; None as soon as the way leads to a plane that was reached before."""
+    for step in range(_COARSE_STEPS):
+        plane = refine_step(plane, surface, samples)
+        if step % 3 == 2 and _known(plane, seen):
+            return None
+    return None if _known(plane, seen) else plane
 
 
 def _known(plane: FloatArray, others: list[FloatArray]) -> bool:

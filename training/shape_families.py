@@ -157,9 +157,7 @@ def polyhedron(rng: Rng, solid: str | None = None) -> Drawn:
 
 def decorated(rng: Rng, group: str | None = None) -> Drawn:
     """T, Th, Td, O, Oh, I or Ih: a cluster of irregular solids."""
-    return orbit_shape(
-        rng, str(rng.choice(["T", "Th", "Td", "O", "Oh", "I", "Ih"])) if group is None else group
-    )
+    return orbit_shape(rng, str(rng.choice(["T", "Th", "Td", "O", "Oh", "I", "Ih"])) if group is None else group)
 
 
 def cylinder(rng: Rng, segments: int = 96) -> Drawn:
@@ -200,9 +198,7 @@ def vase(rng: Rng, segments: int = 96) -> Drawn:
 def spindle(rng: Rng, segments: int = 96) -> Drawn:
     """Dinfh: a turned body, the same at both ends."""
     height, t = float(rng.uniform(1.5, 3.0)), np.linspace(-1.0, 1.0, 25)
-    radius = (
-        0.5 + rng.uniform(-0.2, 0.25) * np.cos(np.pi * t) + rng.uniform(0.05, 0.15) * np.cos(3.0 * np.pi * t)
-    )
+    radius = 0.5 + rng.uniform(-0.2, 0.25) * np.cos(np.pi * t) + rng.uniform(0.05, 0.15) * np.cos(3.0 * np.pi * t)
     return Drawn(revolve(np.stack([radius, 0.5 * height * t], axis=1), segments), "Dinfh", segments=segments)
 
 

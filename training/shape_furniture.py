@@ -22,9 +22,7 @@ def table(rng: Rng, square: bool | None = None) -> Drawn:
         *_legs(1.0 - 2 * leg, depth - 2 * leg, height, leg),
     ]
     if rng.random() < 0.4:
-        bodies.append(
-            box((1.0 - 2 * leg, depth - 2 * leg, 0.03), (0.0, 0.0, float(rng.uniform(0.15, 0.3)) * height))
-        )
+        bodies.append(box((1.0 - 2 * leg, depth - 2 * leg, 0.03), (0.0, 0.0, float(rng.uniform(0.15, 0.3)) * height)))
     return Drawn(merge(*bodies), "C4v" if square else "C2v")
 
 
@@ -53,9 +51,7 @@ def chair(rng: Rng) -> Drawn:
     ]
     if rng.random() < 0.4:
         bodies += [box((0.07, 0.8 * depth, 0.06), (side * width / 2.0, 0.05, seat + 0.3)) for side in (-1, 1)]
-        bodies += [
-            box((0.06, 0.06, 0.3), (side * width / 2.0, -0.3 * depth, seat + 0.15)) for side in (-1, 1)
-        ]
+        bodies += [box((0.06, 0.06, 0.3), (side * width / 2.0, -0.3 * depth, seat + 0.15)) for side in (-1, 1)]
     return Drawn(merge(*bodies), "Cs")
 
 
@@ -93,11 +89,7 @@ def desk(rng: Rng) -> Drawn:
 
 
 def _legs(width: float, depth: float, height: float, leg: float) -> list[Solid]:
-    return [
-        box((leg, leg, height), (x * width / 2.0, y * depth / 2.0, height / 2.0))
-        for x in (-1, 1)
-        for y in (-1, 1)
-    ]
+    return [box((leg, leg, height), (x * width / 2.0, y * depth / 2.0, height / 2.0)) for x in (-1, 1) for y in (-1, 1)]
 
 
 FURNITURE = {"table": table, "stool": stool, "chair": chair, "shelf": shelf, "desk": desk}

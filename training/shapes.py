@@ -141,9 +141,7 @@ def posed(shape: KnownShape, rotation: FloatArray, translation: FloatArray, scal
         sign = 1.0 if canonical_sign(normal) @ normal > 0 else -1.0
         planes.append([*(sign * normal), sign * (scale * plane[3] - normal @ translation)])
     axes = [
-        KnownAxis(
-            canonical_sign(rotation @ axis.direction), scale * rotation @ axis.point + translation, axis.order
-        )
+        KnownAxis(canonical_sign(rotation @ axis.direction), scale * rotation @ axis.point + translation, axis.order)
         for axis in shape.axes
     ]
     return KnownShape(
@@ -186,10 +184,7 @@ def write_shapes(
         path = directory / f"{index:05d}_{shape.name}_{shape.point_group}.ply"
         path.write_bytes(_binary_ply(shape))
         paths.append(path)
-        axes = [
-            {"direction": a.direction.tolist(), "point": a.point.tolist(), "order": a.order}
-            for a in shape.axes
-        ]
+        axes = [{"direction": a.direction.tolist(), "point": a.point.tolist(), "order": a.order} for a in shape.axes]
         truth[path.name] = {
             "family": shape.name,
             "point_group": shape.point_group,

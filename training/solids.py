@@ -181,9 +181,7 @@ def _simplicial(corners: FloatArray) -> Solid:
     distance = np.linalg.norm(corners[:, None] - corners[None], axis=2)
     edge = distance[distance > 1e-9].min()
     triples = [
-        t
-        for t in combinations(range(len(corners)), 3)
-        if all(distance[p] < edge + 1e-9 for p in combinations(t, 2))
+        t for t in combinations(range(len(corners)), 3) if all(distance[p] < edge + 1e-9 for p in combinations(t, 2))
     ]
     return corners, np.array([_outwards(corners, triple) for triple in triples], dtype=np.int32)
 

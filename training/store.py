@@ -66,7 +66,7 @@ class ShapeStore:
         return gather(self.vertices, self.faces, self.vertex_start, self.face_start, shapes)
 
     def draw_samples(self, shapes: Tensor, count: int, generator: torch.Generator) -> Tensor:
-        """``count`` surface samples of each shape: ``(b, count, 3)``. They are stored in random order, so a random window is a draw."""
+        """``count`` samples of each shape, ``(b, count, 3)``: a random window of those stored in random order."""
         stored = self.samples.shape[1]
         first = torch.randint(0, stored, (len(shapes), 1), generator=generator, device=self.device)
         window = (first + torch.arange(count, device=self.device)) % stored
@@ -83,11 +83,13 @@ class ShapeStore:
             return _coordinates(self._closest.view(-1, 3)[shapes[:, None] * self.grid**3 + flat])
         found = np.empty((*flat.shape, 3), dtype=np.uint16)
         for row, (shape, index) in enumerate(zip(shapes.tolist(), flat.numpy(), strict=True)):
-            np.take(self._mapped[self._shard_of[shape]][self._row_of[shape]], index, axis=0, out=found[row], mode="clip")
+            np.take(
+                self._mapped[self._shard_of[shape]][self._row_of[shape]], index, axis=0, out=found[row], mode="clip"
+            )
         return torch.from_numpy(dequantise(found))
 
     def occupied(self, points: Tensor, closest: Tensor) -> Tensor:
-        """Whether each point's voxel holds surface, judged by its centre: closer than half a voxel's diagonal, ``(b, m)``."""
+        """Whether each point's voxel holds surface, ``(b, m)``: its centre is closer than half a voxel's diagonal."""
         centre = (self._cells(points) + 0.5) / self.grid - 0.5
         return (closest - centre).square().sum(-1) <= 0.75 / self.grid**2
 

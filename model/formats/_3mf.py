@@ -20,6 +20,7 @@ _PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/"
 _RELATIONS = "_rels/.rels"
 _DEFAULT_MODEL = "3D/3dmodel.model"
 _MOST_BYTES = 1 << 30  # of all parts that are read, unpacked
+_TOO_LARGE = "The 3MF file unpacks to more than 1 GiB."
 _MOST_INSTANCES = 1 << 20
 _CHUNK = 1 << 18
 _UNITS = ("micron", "millimeter", "centimeter", "inch", "foot", "meter")
@@ -98,7 +99,7 @@ class _Package:
                 found.append(attributes["Target"])
 
         if _RELATIONS in self._sizes:
-            self._parse(_RELATIONS, begin, lambda name: None)
+            self._parse(_RELATIONS, begin, _nothing)
         return _part_name(found[0] if found else _DEFAULT_MODEL, "")
 
     def _parse(self, part: str, begin: object, end: object) -> None:
@@ -107,6 +108,8 @@ class _Package:
             raise UnreadableMeshError("The 3MF file lacks a part that it refers to.")
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise UnreadableMeshError("The 3MF file is compressed in a way that 3MF does not allow.")
+        if info.file_size > self._budget:
+            raise MeshTooLargeError(_TOO_LARGE)
         parser = expat.ParserCreate(namespace_separator=" ")
         parser.StartElementHandler = begin  # pyright: ignore[reportAttributeAccessIssue]
         parser.EndElementHandler = end  # pyright: ignore[reportAttributeAccessIssue]
@@ -116,9 +119,13 @@ class _Package:
             while chunk := stream.read(_CHUNK):
                 self._budget -= len(chunk)
                 if self._budget < 0:
-                    raise MeshTooLargeError("The 3MF file unpacks to more than 1 GiB.")
+                    raise MeshTooLargeError(_TOO_LARGE)
                 parser.Parse(chunk, False)
             parser.Parse(b"", True)
+
+
+def _nothing(_: str) -> None:
+    return
 
 
 def _refuse_doctype(*_: object) -> None:
@@ -177,9 +184,7 @@ def _part_name(target: str, source: str) -> str:
     return posixpath.normpath(posixpath.join("/", posixpath.dirname(source), target)).lstrip("/")
 
 
-def _flatten(
-    objects: dict[_Key, _Object], build: list[_Reference], units: str, limits: Limits
-) -> RawMesh:
+def _flatten(objects: dict[_Key, _Object], build: list[_Reference], units: str, limits: Limits) -> RawMesh:
     """Place every object; counted before anything is allocated, because components multiply."""
     counts: dict[_Key, tuple[int, int, int]] = {}
     vertices, faces, instances = 0, 0, 0

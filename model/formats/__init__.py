@@ -27,9 +27,7 @@ SUPPORTED_FORMATS: tuple[str, ...] = tuple(_READERS)
 _OBJ_LINE = re.compile(rb"^[ \t]*(v|f)[ \t]+[-+.0-9]", re.MULTILINE)
 
 
-def read_mesh(
-    data: bytes, filename: str, *, max_vertices: int | None = None, max_faces: int | None = None
-) -> Mesh:
+def read_mesh(data: bytes, filename: str, *, max_vertices: int | None = None, max_faces: int | None = None) -> Mesh:
     """The mesh a file holds, in the file's own coordinates.
 
     Scene transforms are applied and all bodies joined into one mesh. Vertices at the same place are not merged, and
@@ -88,6 +86,6 @@ def _recognise(data: bytes, kind: str) -> str | None:
         return "gltf"
     if is_ascii_stl(data) and not (kind == "obj" and _OBJ_LINE.search(data[: 1 << 16])):
         return "stl"
-    if kind not in ("obj", "stl") and b"\0" not in head and _OBJ_LINE.search(data[: 1 << 16]):
+    if kind != "obj" and b"\0" not in head and _OBJ_LINE.search(data[: 1 << 16]):
         return "obj"
     return None

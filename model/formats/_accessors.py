@@ -56,9 +56,7 @@ def read_accessor(document: Any, index: int, width: int, view: View) -> AnyArray
     return values
 
 
-def _strided(
-    place: tuple[bytes, int, int, int], offset: int, count: int, width: int, dtype: np.dtype[Any]
-) -> AnyArray:
+def _strided(place: tuple[bytes, int, int, int], offset: int, count: int, width: int, dtype: np.dtype[Any]) -> AnyArray:
     buffer, start, end, stride = place
     size = width * dtype.itemsize
     stride = stride or size

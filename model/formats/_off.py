@@ -39,8 +39,8 @@ def read_off(data: bytes, limits: Limits) -> RawMesh:
     positions = np.empty((vertices, 3))
     starts = np.empty(faces, dtype=np.int64)
     lengths = np.empty(faces, dtype=np.int64)
-    # Usually every vertex and polygon has a line of its own, and whatever follows on it is colour or the like. Files that
-    # break lines elsewhere can only be read by the widths that the keyword announces.
+    # Usually every vertex and polygon has a line of its own, and whatever follows on it is colour or the like. Files
+    # that break lines elsewhere can only be read by the widths that the keyword announces.
     width = 3 + 2 * bool(match[1]) + 4 * bool(match[2]) + 3 * bool(match[3])
     for by_line in (True, False):
         at = _read_positions(numbers, lines, start, by_line, width, positions)

@@ -20,7 +20,7 @@ def read_stl(data: bytes, limits: Limits) -> RawMesh:
         records = np.frombuffer(data, _RECORD, count, _HEADER)
         vertices = records["corners"].astype(np.float64).reshape(-1, 3)
     elif is_ascii_stl(data):
-        raw = as_bytes(data)
+        raw = as_bytes(data[data.find(b"\n") + 1 :])  # the first line holds a name, which may be any word
         count = _count_vertices(raw)
         limits.check(count, count // 3)
         vertices = np.empty((count, 3))

@@ -5,8 +5,8 @@ import numpy as np
 from model._jit import jit
 from model.types import AnyArray, ByteArray, FloatArray
 
-# Powers of ten that float64 holds exactly; a number of up to 15 digits times or over one of them is rounded correctly.
-_POWERS = 10.0 ** np.arange(23)
+# Those up to 1e22 are exact; a number of up to 15 digits times or over one of them is rounded correctly.
+_POWERS = np.array([float(f"1e{exponent}") for exponent in range(309)])
 
 
 def as_bytes(data: bytes) -> ByteArray:
@@ -36,8 +36,8 @@ def parse_numbers(data: ByteArray, stop_at_junk: bool = False) -> tuple[FloatArr
 def parse_number(data: ByteArray, at: int, end: int) -> tuple[float, int]:
     """The number that starts at `at` and the place after it; that place is `at` if there is no number.
 
-    Takes an optional sign, digits with an optional point, an optional exponent (e, E, d or D), and the words inf and nan
-    in the spellings C prints.
+    Takes an optional sign, digits with an optional point, an optional exponent (e, E, d or D), and the words inf and
+    nan in the spellings C prints.
     """
     start = at
     negative = False
@@ -79,18 +79,12 @@ def parse_number(data: ByteArray, at: int, end: int) -> tuple[float, int]:
             at = place
     value = float(mantissa)
     if value > 0.0:
-        # At most 19 digits before an exponent within the range of float64; beyond lie zero and infinity.
-        exponent = min(max(exponent, -400), 400)
-        while exponent > 22:
-            value *= 1e22
-            exponent -= 22
-        while exponent < -22:
-            value /= 1e22
-            exponent += 22
         if exponent >= 0:
-            value *= _POWERS[exponent]
+            value = value * _POWERS[exponent] if exponent <= 308 else np.inf
         else:
-            value /= _POWERS[-exponent]
+            value /= _POWERS[min(-exponent, 308)]
+            if exponent < -308:
+                value /= _POWERS[min(-exponent - 308, 308)]
     return -value if negative else value, at
 
 

@@ -50,9 +50,7 @@ async def test_deadline_frees_the_place_only_when_the_work_ends(
         assert len(detector.calls) == 1
 
 
-async def test_deadline_covers_the_upload(
-    serving: Serving, detector: FakeDetector, assert_problem: Any
-) -> None:
+async def test_deadline_covers_the_upload(serving: Serving, detector: FakeDetector, assert_problem: Any) -> None:
     async def trickle() -> Any:
         yield b"--b\r\n"
         await asyncio.sleep(20)
@@ -64,15 +62,9 @@ async def test_deadline_covers_the_upload(
         assert runtime.pool.admitted == 0
 
 
-async def test_work_of_a_client_that_left_is_dropped(
-    serving: Serving, detector: FakeDetector, chair: bytes
-) -> None:
+async def test_work_of_a_client_that_left_is_dropped(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
     """The request is made by hand, because httpx's in-memory transport cannot hang up."""
-    body = (
-        b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.obj"\r\n\r\n'
-        + chair
-        + b"\r\n--b--\r\n"
-    )
+    body = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.obj"\r\n\r\n' + chair + b"\r\n--b--\r\n"
     scope = {
         "type": "http", "http_version": "1.1", "method": "POST", "path": "/detect", "raw_path": b"/detect",
         "query_string": b"", "root_path": "", "scheme": "http", "server": ("t", 80), "client": ("t", 1),
@@ -97,9 +89,7 @@ async def test_work_of_a_client_that_left_is_dropped(
         assert len(detector.calls) == 1
 
 
-async def test_refused_uploads_give_their_place_back(
-    serving: Serving, detector: FakeDetector, chair: bytes
-) -> None:
+async def test_refused_uploads_give_their_place_back(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
     async with serving(detector, workers=1, queue=0, max_upload_bytes=2048) as (client, runtime):
         for _ in range(3):
             assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 413

@@ -12,9 +12,7 @@ from .fakes import FakeDetector, Serving
 pytestmark = pytest.mark.anyio
 
 
-async def test_answer_has_the_members_of_the_contract(
-    serving: Serving, detector: FakeDetector, chair: bytes
-) -> None:
+async def test_answer_has_the_members_of_the_contract(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
     async with serving(detector) as (client, _):
         response = await client.post("/detect", files={"file": ("some/where/chair.obj", chair)})
     assert response.headers["content-type"] == "application/json"
@@ -50,9 +48,7 @@ async def test_matrix_maps_the_mesh_onto_itself_and_keeps_every_digit(
         else line + b"\n"
         for line in chair.splitlines()
     )
-    vertices = np.array(
-        [line.split()[1:] for line in shifted.splitlines() if line.startswith(b"v ")], dtype=float
-    )
+    vertices = np.array([line.split()[1:] for line in shifted.splitlines() if line.startswith(b"v ")], dtype=float)
     async with serving(detector) as (client, _):
         response = await client.post("/detect", files={"file": ("chair.obj", shifted)})
     plane = response.json()["planes"][0]
@@ -73,9 +69,7 @@ async def test_options_reach_the_detector(serving: Serving, detector: FakeDetect
     assert [(call["mode"], call["max_error"]) for call in detector.calls] == [("full", 4e-4), ("paper", 1e-3)]
 
 
-async def test_nothing_is_computed_on_the_event_loop(
-    serving: Serving, detector: FakeDetector, chair: bytes
-) -> None:
+async def test_nothing_is_computed_on_the_event_loop(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
     async with serving(detector) as (client, _):
         await client.post("/detect", files={"file": ("chair.obj", chair)})
     assert detector.calls[0]["thread"] is not threading.current_thread()
@@ -98,9 +92,7 @@ async def test_rejected_and_bop_come_only_when_asked_for(
     assert set(axis) == {"kind", "direction", "point", "symmetry_error", "reason"}
     half_turn, continuous = bop["axes"]
     assert bop["bop"]["symmetries_discrete"] == [[x for row in half_turn["matrix"] for x in row]]
-    assert bop["bop"]["symmetries_continuous"] == [
-        {"axis": continuous["direction"], "offset": continuous["point"]}
-    ]
+    assert bop["bop"]["symmetries_continuous"] == [{"axis": continuous["direction"], "offset": continuous["point"]}]
 
 
 @pytest.mark.parametrize("error", [float("nan"), float("inf"), -1.0])

@@ -18,9 +18,7 @@ async def test_unknown_address(serving: Serving, detector: FakeDetector, assert_
         assert_problem(await client.get("/static/nowhere.js"), "not-found", 404)
 
 
-async def test_wrong_method_names_the_right_one(
-    serving: Serving, detector: FakeDetector, assert_problem: Any
-) -> None:
+async def test_wrong_method_names_the_right_one(serving: Serving, detector: FakeDetector, assert_problem: Any) -> None:
     async with serving(detector) as (client, _):
         response = await client.get("/detect")
         document = assert_problem(response, "method-not-allowed", 405)

@@ -157,7 +157,12 @@ def test_an_asymmetric_mesh_has_none_and_every_rejection_a_reason(detector: Dete
 def test_takes_trimesh_arrays_paths_and_meshes_alike(default: Detector):
     mesh = to_mesh(CHAIR)
     expected = normals(default.detect(mesh))
-    for form in (CHAIR, str(CHAIR), (mesh.vertices, mesh.faces), trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)):
+    for form in (
+        CHAIR,
+        str(CHAIR),
+        (mesh.vertices, mesh.faces),
+        trimesh.Trimesh(mesh.vertices, mesh.faces, process=False),
+    ):
         np.testing.assert_array_equal(normals(default.detect(form)), expected)
 
 

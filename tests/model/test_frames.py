@@ -10,7 +10,6 @@ from model.sampling import sample_surface
 from tests.shapes import as_mesh, box, known, moved, pose, subdivided
 
 
-
 def shapes() -> list[Mesh]:
     from training.shapes import families
 
@@ -24,7 +23,9 @@ def test_unit_frame_follows_rotation_translation_and_scale(seed: int):
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
         other = moved(mesh, rotation, translation, scale)
         turned = UnitFrame.of(other.vertices, other.faces)
-        np.testing.assert_allclose(turned.to_unit(other.vertices), frame.to_unit(mesh.vertices) @ rotation.T, atol=1e-11)
+        np.testing.assert_allclose(
+            turned.to_unit(other.vertices), frame.to_unit(mesh.vertices) @ rotation.T, atol=1e-11
+        )
         assert turned.scale == pytest.approx(scale * frame.scale, rel=1e-12)
 
 
@@ -53,7 +54,9 @@ def test_unit_frame_survives_distance_and_tiny_units():
     for scale, shift in ((1e-9, 0.0), (1e9, 0.0), (1.0, 1e6)):
         far = Mesh.checked(scale * mesh.vertices + shift, mesh.faces)
         frame = UnitFrame.of(far.vertices, far.faces)
-        np.testing.assert_allclose(frame.to_unit(far.vertices), UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices), atol=1e-8)
+        np.testing.assert_allclose(
+            frame.to_unit(far.vertices), UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices), atol=1e-8
+        )
 
 
 def test_points_and_planes_come_back():
@@ -64,7 +67,9 @@ def test_points_and_planes_come_back():
     on_plane = np.array([[0.6, 0.0, 0.8], [0.8, 0.0, -0.6], [0.0, 1.0, 0.0]])
     on_plane -= ((on_plane @ plane[:3] + plane[3])[:, None]) * plane[:3]
     moved_plane = frame.plane_to_input(plane)
-    np.testing.assert_allclose(frame.to_input(on_plane) @ moved_plane[:3] + moved_plane[3], 0.0, atol=1e-9 * frame.scale)
+    np.testing.assert_allclose(
+        frame.to_input(on_plane) @ moved_plane[:3] + moved_plane[3], 0.0, atol=1e-9 * frame.scale
+    )
 
 
 def test_flat_and_collapsed_meshes_are_told_apart():
@@ -92,4 +97,6 @@ def test_covariance_is_the_surface_integral():
     vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
     samples, _ = sample_surface(vertices, mesh.faces, 200_000, seed=3)
     frame, values = inertia_frame(vertices, mesh.faces)
-    np.testing.assert_allclose(frame @ (samples.T @ samples / len(samples)) @ frame.T, np.diag(values), atol=1e-3 * values[0])
+    np.testing.assert_allclose(
+        frame @ (samples.T @ samples / len(samples)) @ frame.T, np.diag(values), atol=1e-3 * values[0]
+    )

@@ -37,7 +37,7 @@ def test_unused_vertices_are_ignored():
         (TRIANGLE, [[0, 1, -1]], DegenerateMeshError),
         (TRIANGLE, np.array([[0, 1, 2**40]]), DegenerateMeshError),
         (TRIANGLE * [1, np.nan, 1], FACE, DegenerateMeshError),
-        (TRIANGLE + [0, -np.inf, 0], FACE, DegenerateMeshError),
+        (TRIANGLE + np.array([0, -np.inf, 0]), FACE, DegenerateMeshError),
         (TRIANGLE * 1e200, FACE, DegenerateMeshError),
         (TRIANGLE * 0, FACE, DegenerateMeshError),
         (TRIANGLE * [1, 0, 1], FACE, DegenerateMeshError),

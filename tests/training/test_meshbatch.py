@@ -94,7 +94,7 @@ def test_flooded_grid_is_nearly_the_nearest_sample():
     exact = torch.cdist(centres.expand(len(points), -1, -1), points).amin(2)
     reached = (found - centres).norm(dim=-1)
     assert (reached >= exact - 1e-5).all()
-    # One sample a voxel is passed on, so the answer may be off by a part of a voxel's edge, never by more than its diagonal.
+    # One sample a voxel is passed on: the answer may be off by a part of its edge, never by more than its diagonal.
     assert (reached - exact).mean() < 0.1 / 16
     assert (reached - exact).max() < 3**0.5 / 16
 
@@ -154,7 +154,9 @@ def test_tied_eigenvalues_are_drawn_wide():
 def test_holes_remove_a_part_but_never_the_most():
     shapes = [unit(as_mesh(known("torus")))] * 32
     batch = batch_of(shapes)
-    fed, _ = draw_inputs(batch, InputRecipe(), DamageRecipe(share=0.5, radius=(0.2, 0.4)), torch.Generator().manual_seed(0))
+    fed, _ = draw_inputs(
+        batch, InputRecipe(), DamageRecipe(share=0.5, radius=(0.2, 0.4)), torch.Generator().manual_seed(0)
+    )
     kept = torch.bincount(fed.shape, minlength=32) / torch.bincount(batch.shape, minlength=32)
     assert 6 < (kept < 1).sum() < 26
     assert kept.min() > 0.4

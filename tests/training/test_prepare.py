@@ -33,7 +33,11 @@ def test_arrays_describe_the_shape_they_come_from(mesh_folder: Path, prepared: P
         (v0, f0), (v1, f1) = starts[index], starts[index + 1]
         vertices = dequantise(arrays["vertices"][v0:v1]).astype(float)
         faces = np.array(arrays["faces"][f0:f1])
-        assert (record.vertices, record.faces, record.category) == (len(vertices), len(faces), Path(record.name).parts[1])
+        assert (record.vertices, record.faces, record.category) == (
+            len(vertices),
+            len(faces),
+            Path(record.name).parts[1],
+        )
         np.testing.assert_allclose(vertices[faces], true, atol=1e-5)
         surface = SurfaceIndex(vertices, faces)
         samples = dequantise(arrays["samples"][index]).astype(float)
@@ -58,7 +62,10 @@ def test_quantisation_is_finer_than_any_threshold():
 
 def test_the_published_layout_of_shapenet_is_recognised(tmp_path: Path):
     mesh = box()
-    for synset, model in (("02691156", "1a04e3eab45ca15dd86060f189eb133"), ("03001627", "1a6f615e8b1b5ae4dbbc9440457e303e")):
+    for synset, model in (
+        ("02691156", "1a04e3eab45ca15dd86060f189eb133"),
+        ("03001627", "1a6f615e8b1b5ae4dbbc9440457e303e"),
+    ):
         models = tmp_path / synset / model / "models"
         write_obj(models / "model_normalized.obj", mesh.vertices, mesh.faces)
         write_obj(models / "model_unnormalized.obj", mesh.vertices, mesh.faces)

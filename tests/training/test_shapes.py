@@ -97,9 +97,7 @@ def vertex_gap(shape: KnownShape, matrix: FloatArray, offset: FloatArray) -> flo
         ("Ih", 120, 15, [5] * 6 + [3] * 10 + [2] * 15),
     ],
 )
-def test_groups_have_the_elements_of_the_character_tables(
-    name: str, size: int, planes: int, orders: list[int]
-) -> None:
+def test_groups_have_the_elements_of_the_character_tables(name: str, size: int, planes: int, orders: list[int]) -> None:
     matrices, elements = group_matrices(name), group_elements(name)
     assert len(matrices) == size
     assert np.allclose(matrices @ matrices.transpose(0, 2, 1), np.eye(3), atol=1e-12)
