@@ -4,4 +4,4 @@
 event loop.
 """
 
-__version__ = "0.1.0"
+from model import __version__ as __version__

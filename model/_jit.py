@@ -63,7 +63,8 @@ class _TolerantCache(_caching.FunctionCache):
     _impl_class = _Implementation
 
     def __init__(self, py_func: Any) -> None:
-        super().__init__(py_func)
+        parent: Any = super()
+        parent.__init__(py_func)
         self._cache_file._source_stamp = (self._cache_file._source_stamp, _kernel_sources())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -85,7 +86,7 @@ def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a kernel at its first call; the GIL is released while it runs.
 
     The kernel may not allocate arrays. In return references to arrays are not counted: otherwise every call of a small
-    helper would cost some atomic increments, which slowed the readers ten times. IEEE arithmetic is kept (no
+    helper would cost some atomic increments, which slowed the text readers 2 to 17 times. IEEE arithmetic is kept (no
     fast-math), except that a division by zero gives an infinity instead of an exception.
     """
     return _compile(function, _nrt=False)

@@ -180,7 +180,8 @@ def fit(
     held_out = held_out[:VALIDATION_SHAPES]
 
     torch.manual_seed(recipe.seed)
-    network = PRSNet(recipe.network).to(torch_device).to(memory_format=torch.channels_last_3d)
+    network = PRSNet(recipe.network).to(torch_device)
+    network.to(memory_format=torch.channels_last_3d)  # pyright: ignore[reportCallIssue] - not in the stubs
     optimizer = torch.optim.Adam(network.parameters(), lr=recipe.optimizer.learning_rate)
     step, best = 0, math.inf
     if (run / "last.pt").is_file():
