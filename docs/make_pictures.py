@@ -39,7 +39,7 @@ def draw(axes: object, detection: Detection) -> None:
     center = turn @ detection.center
     for name, middle in zip("xyz", center, strict=True):
         getattr(axes, f"set_{name}lim")(middle - half, middle + half)
-    axes.set_box_aspect((1, 1, 1), zoom=1.5)
+    axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
 

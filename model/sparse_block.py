@@ -28,9 +28,9 @@ def convolve_and_pool(voxels: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     filled = padded > 0
     for axis in (1, 2, 3):
         # A cell's patch is four voxels wide and the next one begins two further on.
-        shape = filled.shape
-        pairs = filled.view(*shape[:axis], half + 1, 2, *shape[axis + 1 :]).any(axis + 1)
-        filled = pairs.narrow(axis, 0, half) | pairs.narrow(axis, 1, half)
+        filled = filled.transpose(1, axis)
+        pairs = filled[:, 0::2] | filled[:, 1::2]
+        filled = (pairs[:, :-1] | pairs[:, 1:]).transpose(1, axis)
     item, x, y, z = filled.nonzero(as_tuple=True)
     edge = 2 * half + 2
     corner = ((item * edge + 2 * x) * edge + 2 * y) * edge + 2 * z
