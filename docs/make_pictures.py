@@ -1,4 +1,4 @@
-"""Draws the pictures of the README from the shipped weights and the meshes in tests/data: `python docs/make_pictures.py`.
+"""Draws the README's pictures from the shipped weights and tests/data: `python docs/make_pictures.py`.
 
 Every picture shows what `Detector.detect` answers in paper mode; nothing is drawn by hand.
 """

@@ -35,9 +35,7 @@ def project_files() -> list[Path]:
     if listing.returncode == 0:
         paths = [ROOT / name for name in listing.stdout.decode().split("\0") if name]
     else:
-        paths = [
-            p for p in ROOT.rglob("*") if not any(part.startswith(".") for part in p.relative_to(ROOT).parts)
-        ]
+        paths = [p for p in ROOT.rglob("*") if not any(part.startswith(".") for part in p.relative_to(ROOT).parts)]
     return [path for path in paths if path.is_file()]
 
 
@@ -77,9 +75,7 @@ def test_no_file_names_a_package_registry() -> None:
         ("quay", "io"),
     ]
     pattern = re.compile("|".join(re.escape(".".join(parts)) for parts in hosts).encode())
-    found = {
-        path.relative_to(ROOT).as_posix(): pattern.findall(path.read_bytes()) for path in project_files()
-    }
+    found = {path.relative_to(ROOT).as_posix(): pattern.findall(path.read_bytes()) for path in project_files()}
     assert {name: hits for name, hits in found.items() if hits} == {}
 
 
@@ -101,9 +97,7 @@ def test_import_contracts_hold() -> None:
     ],
 )
 def test_packages_import_without_what_they_must_not_need(modules: str, absent: str) -> None:
-    result = run_python(
-        f"import sys; sys.modules.update(dict.fromkeys({absent.split()!r})); import {modules}"
-    )
+    result = run_python(f"import sys; sys.modules.update(dict.fromkeys({absent.split()!r})); import {modules}")
     assert result.returncode == 0, result.stderr
 
 
