@@ -55,7 +55,6 @@ def fit(
     """Train a network. Needs torch and numpy alone, beside this command line."""
     import torch
 
-    from training.fit import Progress
     from training.fit import fit as train
     from training.prepared import PreparedSet
     from training.recipe import Recipe
@@ -88,7 +87,6 @@ def fit(
         if bar is not None:
             bar.close()
     typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
-    _ = Progress
 
 
 @app.command()
