@@ -20,9 +20,9 @@ T = TypeVar("T")
 
 
 def _single_threaded() -> None:
-    import torch  # here, so that the application starts answering before torch is imported
+    from model.detector import use_one_thread  # here, so that the application answers before torch is imported
 
-    torch.set_num_threads(1)
+    use_one_thread()
 
 
 async def _disconnected(request: Request) -> None:

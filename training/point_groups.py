@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from model.transforms import rotation_matrix
 from model.types import FloatArray
 
 _SAME = 1e-6  # two unit vectors or matrices closer than this are the same element; the nearest differ by over 0.1
@@ -28,9 +29,8 @@ class Elements(NamedTuple):
 
 def rotation(axis: FloatArray | tuple[float, float, float], angle: float) -> FloatArray:
     """Return the (3, 3) rotation about ``axis`` (any length) by ``angle`` in radians."""
-    x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    direction = np.asarray(axis, dtype=np.float64)
+    return rotation_matrix(direction / np.linalg.norm(direction), angle)
 
 
 def canonical_sign(vector: FloatArray) -> FloatArray:
