@@ -16,7 +16,7 @@ _PANELS = (
 
 
 def draw_curves(runs: Sequence[Path], out: Path) -> None:
-    """Draw loss, best plane and share over the samples seen, one line a run, into ``out`` (PNG or SVG)."""
+    """Draw loss, best plane and share over the steps, one line a run, into ``out`` (PNG or SVG)."""
     figure = Figure(figsize=(13, 3.8), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, (column, title, scale) in zip(figure.subplots(1, len(_PANELS)), _PANELS, strict=True):
@@ -25,6 +25,7 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
             axes.plot([row["step"] for row in rows], [row[column] for row in rows], label=run.name)
         axes.set(title=title, xlabel="step", yscale=scale)
         axes.title.set_fontsize(10)
+        axes.locator_params(axis="x", nbins=5)
         axes.grid(alpha=0.3)
         axes.legend()
     out.parent.mkdir(parents=True, exist_ok=True)
