@@ -5,7 +5,7 @@ paper mode receives it; both on exact distances, against the intact shape, with 
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -98,12 +98,13 @@ def evaluate(
     return summarise(results, weights, damage)
 
 
-def _run(jobs: list[Any], workers: int) -> Any:
+def _run(jobs: list[Any], workers: int) -> Iterator[ShapeResult]:
     if workers <= 1:
-        return map(_judge_shape, jobs)
+        yield from map(_judge_shape, jobs)
+        return
     # Threads of torch and of the kernels do not survive a fork.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    return pool.map(_judge_shape, jobs, chunksize=4)
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(_judge_shape, jobs, chunksize=4)
 
 
 @lru_cache
