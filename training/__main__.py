@@ -111,7 +111,7 @@ def export(
 
 @app.command()
 def evaluate(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes, or of shapes with ground_truth.json.")],
+    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; a ground_truth.json beside them is used.")],
     weights: Annotated[list[str] | None, typer.Option(help="Weights to judge; may be repeated.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
     damage: Annotated[

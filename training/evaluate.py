@@ -126,7 +126,8 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
         return result
     vertices, faces = frame.to_unit(mesh.vertices), mesh.faces
     if known is None:
-        known = clear_planes(vertices, faces).tolist()
+        truth_file = source.path.parent / "ground_truth.json"
+        known = _known_planes(truth_file, source.path.name, frame) or clear_planes(vertices, faces).tolist()
     result.reference, result.clear = known, len(known)
     rng = np.random.default_rng([options.seed, index])
     pose = random_rotation(rng)
@@ -156,6 +157,22 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
         figures["axes"] = len(detection.axes)
         result.methods[name] = figures
     return result
+
+
+def _known_planes(truth_file: Path, name: str, frame: UnitFrame) -> list[list[float]]:
+    """Planes that `training shapes` wrote down for a file, in its unit frame; empty where none are known.
+
+    Of a continuous family the file lists none, so such shapes are left to the search.
+    """
+    if not truth_file.is_file():
+        return []
+    entry = json.loads(truth_file.read_text()).get(name)
+    if entry is None or any(axis["order"] is None for axis in entry["axes"]):
+        return []
+    rows = np.array(entry["planes"]).reshape(-1, 4)
+    # n.x + d = 0 with x = scale u + center.
+    rows[:, 3] = (rows[:, 3] + rows[:, :3] @ frame.center) / frame.scale
+    return rows.tolist()
 
 
 def _against(truth: FloatArray, planes: FloatArray, errors: list[float]) -> dict[str, Any]:
@@ -255,6 +272,7 @@ _COLUMNS = (
     ("clear_best_plane_mean", "best plane, mean SDE", "{:.2e}"),
     ("gte_mean", "GTE mean", "{:.2e}"),
     ("gte_median", "GTE median", "{:.1e}"),
+    ("angle_median", "angle, median degrees", "{:.2g}"),
     ("recall_1_degree", "clear planes within 1 deg", "{:.1%}"),
     ("validated_share_with_plane", "validated: shapes with a plane", "{:.1%}"),
     ("validated_planes_per_shape", "planes a shape", "{:.2f}"),

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from model.frames import UnitFrame
+from model.mesh import as_mesh as read
 from model.surface import SurfaceIndex
 from model.transforms import reflect
 from tests.shapes import as_mesh, box, known
@@ -19,6 +20,7 @@ from training.fit import fit
 from training.prepared import PreparedSet
 from training.recipe import Recipe
 from training.reference import clear_planes, hemisphere
+from training.shapes import write_shapes
 
 RECIPE = Recipe.from_dict({
     "name": "short",
@@ -128,3 +130,24 @@ def test_cut_ball_removes_one_connected_neighbourhood():
     middles = np.array([mesh.vertices[list(face)].mean(0) for face in gone])
     diagonal = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     assert np.linalg.norm(middles - middles.mean(0), axis=1).max() < 2 * 0.15 * diagonal
+
+
+def test_ground_truth_beside_the_meshes_is_used(exported: Path, tmp_path: Path):
+    """The written planes, moved to the unit frame, are exact symmetries; wrong ones would be believed too."""
+    write_shapes(tmp_path / "shapes", 3, seed=1, only=("pyramid", "box", "mirror"))
+    cache = tmp_path / "cache.json"
+    evaluate([tmp_path / "shapes"], [str(exported)], reference=cache, progress=False)
+    for name, planes in json.loads(cache.read_text()).items():
+        mesh = read(tmp_path / name)
+        frame = UnitFrame.of(mesh.vertices, mesh.faces)
+        vertices = frame.to_unit(mesh.vertices)
+        surface = SurfaceIndex(vertices, mesh.faces)
+        assert planes
+        assert max(surface.mean_squared_distance(reflect(vertices, np.array(plane))) for plane in planes) < 1e-20
+    truth = tmp_path / "shapes" / "ground_truth.json"
+    entries = json.loads(truth.read_text())
+    for entry in entries.values():
+        entry["planes"] = [[0.6, 0.0, 0.8, 0.0]]
+    truth.write_text(json.dumps(entries))
+    wrong = evaluate([tmp_path / "shapes"], [str(exported)], progress=False)
+    assert wrong["methods"][PCA]["angle_median"] > 1.0
