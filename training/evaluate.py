@@ -146,7 +146,8 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
     def judged(raw: FloatArray) -> dict[str, Any]:
         # From the shown shape's unit frame to the intact one's; both are rotated alike.
         planes = np.array([shown_frame.plane_to_input(plane) for plane in raw])
-        return {"raw": errors(planes), **_against(truth, planes, errors(planes))}
+        raw_errors = errors(planes)
+        return {"raw": raw_errors, **_against(truth, planes, raw_errors)}
 
     result.methods[PCA] = judged(pca_planes(shown_unit, shown))
     for name, detector in _detectors(options.weights).items():
