@@ -215,6 +215,31 @@ def closest_points(points: FloatArray, lanes_found: AnyArray, frames: FloatArray
             )
 
 
+@jit
+def face_normals(vertices: FloatArray, faces: IntArray, chosen: IntArray, result: FloatArray) -> None:
+    """Unit normals of the chosen faces; zero for faces without area and for index -1."""
+    for row in range(chosen.shape[0]):
+        result[row, 0], result[row, 1], result[row, 2] = 0.0, 0.0, 0.0
+        face = chosen[row]
+        if face < 0:
+            continue
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        px, py, pz = (
+            vertices[j, 0] - vertices[i, 0],
+            vertices[j, 1] - vertices[i, 1],
+            vertices[j, 2] - vertices[i, 2],
+        )
+        qx, qy, qz = (
+            vertices[k, 0] - vertices[i, 0],
+            vertices[k, 1] - vertices[i, 1],
+            vertices[k, 2] - vertices[i, 2],
+        )
+        x, y, z = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            result[row, 0], result[row, 1], result[row, 2] = x / length, y / length, z / length
+
+
 @jit_allocating
 def morton_order(points: FloatArray) -> IntArray:
     """Indices that visit the points along a space-filling curve, so that neighbours follow each other."""

@@ -39,7 +39,7 @@ class UnitFrame:
         total = float(areas.sum())
         if not total > 0.0:
             raise DegenerateMeshError("The surface has no area: every face is a line or a point.")
-        centroid = np.einsum("f,fc->c", areas, corners.mean(1)) / total
+        centroid = areas @ corners.mean(1) / total
         radius = float(np.sqrt(np.square(corners - centroid).sum(-1).max()))
         return cls(middle + extent * centroid, 2.0 * radius * extent)
 
@@ -59,8 +59,11 @@ class UnitFrame:
 
 def triangle_areas(corners: FloatArray) -> FloatArray:
     """Areas of triangles ``(f, 3 corners, 3)``: ``(f,)``."""
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return 0.5 * np.sqrt(np.square(cross).sum(-1))
+    # Component by component: several times faster than numpy's cross product of many short vectors.
+    px, py, pz = (corners[:, 1] - corners[:, 0]).T
+    qx, qy, qz = (corners[:, 2] - corners[:, 0]).T
+    x, y, z = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+    return 0.5 * np.sqrt(x * x + y * y + z * z)
 
 
 def inertia_frame(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -82,8 +85,9 @@ def inertia_frame(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, Fl
     areas = triangle_areas(corners)
     middle = corners.mean(1)
     weights = areas / (12.0 * areas.sum())
-    moments = np.einsum("f,fki,fkj->ij", weights, corners, corners, optimize=True)
-    moments += 9.0 * np.einsum("f,fi,fj->ij", weights, middle, middle, optimize=True)
+    points = corners.reshape(-1, 3)
+    moments = (np.repeat(weights, 3)[:, None] * points).T @ points
+    moments += 9.0 * (weights[:, None] * middle).T @ middle
     values, vectors = np.linalg.eigh(moments)
     rotation = np.ascontiguousarray(vectors.T[::-1])
     if np.linalg.det(rotation) < 0:

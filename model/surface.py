@@ -4,7 +4,7 @@ import numpy as np
 
 from model._bvh import FANOUT, LANES, build, enclose
 from model._bvh_axes import tree_axes
-from model._bvh_query import closest_points, morton_order, pack, search
+from model._bvh_query import closest_points, face_normals, morton_order, pack, search
 from model._jit import kernel_array
 from model.types import AnyArray, FloatArray, IntArray
 
@@ -32,6 +32,7 @@ class SurfaceIndex:
         boxes = np.empty((len(faces), 6))
         enclose(vertices, faces, boxes)
         sources = np.arange(len(faces), dtype=np.int32)
+        self._corners, self._faces = vertices, faces
         self._boxes, self._children, leaves = build(boxes, sources)
         self._frames, self._owners = pack(vertices, faces, sources, leaves)
 
@@ -69,6 +70,12 @@ class SurfaceIndex:
             raise ValueError("the mean needs at least one point")
         total = self._search(self._turn(kernel_array(points, np.float64)), np.inf, stop_above * count)[2]
         return np.inf if total > stop_above * count else total / count
+
+    def normals(self, faces: IntArray) -> FloatArray:
+        """Unit normals (n, 3) of faces given by index (n,); zero where a face has no area."""
+        normals = np.empty((len(faces), 3))
+        face_normals(self._corners, self._faces, kernel_array(faces, np.int32), normals)
+        return normals if self._axes is None else normals @ self._axes
 
     def _turn(self, points: FloatArray) -> FloatArray:
         """Into the axes of the tree."""
