@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.operations import Operations
+from model.refinement import squared_distances
 from model.surface import SurfaceIndex
 from model.types import FloatArray
 
@@ -24,6 +25,9 @@ _FLAT = 4.0
 _CONTRAST = 0.1
 """A rotation is a symmetry if its error is so much smaller than that of arbitrary angles; else the shape is round."""
 
+_FEW, _SURELY = 8, 4.0
+"""A turn that is so many times too bad on every eighth sample is not looked at on all of them."""
+
 _GOLDEN = 2.0 * np.pi * (2.0 / (1.0 + 5.0**0.5))
 _ARBITRARY = _GOLDEN * np.array([1.0, 2.0, 3.0, 5.0, 8.0])
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61)
@@ -32,10 +36,14 @@ _LARGEST = 64
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """``order`` of an axis, 1: no turn, None: every angle. ``round_within``: every angle is within the threshold."""
+    """``order`` of an axis, 1: no turn, None: every angle. ``round_within``: every angle is within the threshold.
+
+    ``exact`` is False for an axis that is round only approximately.
+    """
 
     order: int | None
     round_within: bool
+    exact: bool = True
 
 
 def allowed_turns(
@@ -74,17 +82,18 @@ def allowed_turns(
     if order == 1 and round_within:
         flat = errors.max() <= _FLAT * errors.min()
         if flat and errors.max() <= (_LOOSE_DEVIATION * np.sqrt(np.square(radii).mean())) ** 2:
-            return Turns(None, True)
+            return Turns(None, True, exact=False)
     return Turns(order, round_within)
 
 
 def _order(surface: SurfaceIndex, samples: FloatArray, direction: FloatArray, point: FloatArray, bound: float) -> int:
+    few = samples[::_FEW]
+
     def holds(n: int) -> bool:
-        for turn in {1, max(1, n // 2)}:
-            operation = Operations.rotations(direction, point, 2.0 * np.pi * turn / n)
-            if surface.mean_squared_distance(operation.apply(samples)[0], bound) > bound:
-                return False
-        return True
+        angles = 2.0 * np.pi * np.array([1, max(1, n // 2)]) / n
+        if _turned(surface, few, direction, point, angles[:1]).mean() > _SURELY * bound:
+            return False
+        return bool(_turned(surface, samples, direction, point, angles).mean(1).max() <= bound)
 
     order = 1
     for prime in _PRIMES:
@@ -100,4 +109,4 @@ def _turned(
 ) -> FloatArray:
     """Squared distances ``(angles, n)`` of the turned samples."""
     operations = Operations.rotations(np.tile(direction, (len(angles), 1)), point, angles)
-    return surface.squared_distances(operations.apply(samples).reshape(-1, 3)).reshape(len(angles), -1)
+    return squared_distances(surface, samples, operations)

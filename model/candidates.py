@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.operations import Operations
-from model.refinement import refine
+from model.refinement import refine, squared_distances
 from model.surface import SurfaceIndex
 from model.types import FloatArray
 
@@ -16,11 +16,16 @@ SAME_ANGLE = float(np.deg2rad(1.5))
 SAME_DISTANCE = 0.015
 """Two elements of the same kind within this angle and distance (unit frame) are one."""
 
+_BASIN_ANGLE = float(np.deg2rad(5.0))
+_MUCH_BETTER = 10.0
+"""An element so near to one that is so many times better has not come to rest: robust steps may stick where some faces
+fit exactly and the others count as missing."""
+
 _COARSE_EVERY = 5
-_CUT = 0.06
+CUT = 0.06
 """Distances count up to here while candidates are sifted: a hole in the surface must not hide a symmetry."""
 
-_HOPELESS, _POOR = 4.0, 2.0
+_HOPELESS, _POOR = 4.0, 1.3
 """Candidates whose cut error exceeds the threshold so many times after the first and second round are dropped."""
 
 
@@ -47,7 +52,7 @@ def settle(surface: SurfaceIndex, samples: FloatArray, starts: Operations, max_e
     for steps, scale, bound in ((3, 0.15, _HOPELESS), (3, 0.04, _POOR)):
         operations = refine(surface, coarse, operations, steps, scale=scale, settled=1e-5)
         squared = squared_distances(surface, coarse, operations)
-        errors = np.minimum(squared, _CUT * _CUT).mean(1)
+        errors = np.minimum(squared, CUT * CUT).mean(1)
         good = errors <= bound * max_error
         dropped.append(operations[~good])
         dropped_errors.append(squared[~good].mean(1))
@@ -55,18 +60,11 @@ def settle(surface: SurfaceIndex, samples: FloatArray, starts: Operations, max_e
         kept = distinct(operations, errors)
         operations, errors = operations[kept], errors[kept]
     if len(operations):
-        operations = refine(surface, samples, operations, 8, scale=0.02)
+        operations = refine(surface, samples[::2], operations, 5, scale=0.02)
         errors = mean_errors(surface, samples, operations)
         kept = distinct(operations, errors)
         operations, errors = operations[kept], errors[kept]
     return Settled(operations, errors, Operations.joined(dropped), np.concatenate(dropped_errors))
-
-
-def squared_distances(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:
-    """Squared distances ``(k, n)`` of the images of all samples."""
-    if not len(operations):
-        return np.zeros((0, len(samples)))
-    return surface.squared_distances(operations.apply(samples).reshape(-1, 3)).reshape(len(operations), -1)
 
 
 def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:
@@ -78,13 +76,17 @@ def distinct(operations: Operations, errors: FloatArray) -> list[int]:
     """Indices, the best first, of operations that differ from every better one of their kind."""
     kept: list[int] = []
     for index in np.argsort(errors, kind="stable").tolist():
-        if not any(same_element(operations, index, other) for other in kept):
+        for other in kept:
+            unsettled = errors[index] > _MUCH_BETTER * errors[other]
+            if same_element(operations, index, other, _BASIN_ANGLE if unsettled else SAME_ANGLE):
+                break
+        else:
             kept.append(index)
     return kept
 
 
-def same_element(operations: Operations, first: int, second: int) -> bool:
-    """Whether two operations of a batch are the same one: kind, direction and position."""
+def same_element(operations: Operations, first: int, second: int, angle: float = SAME_ANGLE) -> bool:
+    """Whether two operations of a batch are the same one: kind, direction (to an angle) and position."""
     if operations.improper[first] != operations.improper[second]:
         return False
     if abs(operations.angles[first] - operations.angles[second]) > SAME_ANGLE:
@@ -93,7 +95,7 @@ def same_element(operations: Operations, first: int, second: int) -> bool:
     if operations.improper[first] and operations.angles[first] > 3.0:  # inversions have no direction
         return float(np.linalg.norm(gap)) < SAME_DISTANCE
     direction, other = operations.directions[first], operations.directions[second]
-    if abs(direction @ other) < np.cos(SAME_ANGLE):
+    if abs(direction @ other) < np.cos(angle):
         return False
     if operations.improper[first]:  # planes: compared by offset
         sign = 1.0 if direction @ other > 0 else -1.0

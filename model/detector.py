@@ -19,7 +19,7 @@ from model.checkpoint import Checkpoint, load_checkpoint
 from model.detection import Detection
 from model.frames import UnitFrame, inertia_frame
 from model.full import Shape, Sources, find_symmetries
-from model.judgement import SAMPLES, Judge
+from model.judgement import MORE_SAMPLES, SAMPLES, Judge
 from model.mesh import Mesh, MeshLike, as_mesh
 from model.paper import validated
 from model.proposals import (
@@ -42,8 +42,9 @@ from model.validation import MAX_ERROR
 REFINE_SAMPLES = 240
 """Surface samples that elements are refined on in full mode; they are judged on others."""
 
-FULL_FRAMES = 2
-"""Full mode looks at the shape in so many sign choices of the input frame, in one pass."""
+FULL_FRAMES = 1
+"""Sign choices of the input frame that full mode looks at, in one batch: more find nothing that refinement
+and the other sources do not (docs/accuracy.md)."""
 
 
 ALL_SOURCES = Sources()
@@ -143,7 +144,8 @@ class Detector:
         surface = SurfaceIndex(vertices, faces)
         refining, _ = sample_surface(vertices, faces, REFINE_SAMPLES, seed=1)
         judging, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
-        shape = Shape(surface, refining, Judge(surface, judging, max_error), DistanceGrid(occupied), turn, principal)
+        judge = Judge(surface, judging, max_error, lambda: sample_surface(vertices, faces, MORE_SAMPLES, seed=2)[0])
+        shape = Shape(surface, refining, judge, DistanceGrid(occupied), turn, principal)
         found = find_symmetries(shape, proposals, sources)
         timings["validate"] = found.judging_ms
         timings["refine"] = _since(mark) - found.judging_ms

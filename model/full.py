@@ -11,24 +11,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.axis_order import SPHERE_DEVIATION, Turns, allowed_turns
-from model.candidates import SAME_ANGLE, mean_errors, same_element, settle
+from model.candidates import CUT, SAME_ANGLE, mean_errors, same_element, settle
 from model.group import Group
 from model.judgement import EXACT_ERROR, Judge, tangents
 from model.operations import Operations
 from model.proposals import Proposals
-from model.refinement import refine
+from model.refinement import refine, squared_distances
 from model.scan import DistanceGrid, minima
 from model.surface import SurfaceIndex
 from model.symmetries import FoundAxis, FoundPlane, Reason, Symmetries, TurnedDown
 from model.types import BoolArray, FloatArray
 
 _GOLDEN = 2.399963229728653
-_PROMISING_PLANE, _PROMISING_AXIS = 1.5, 1.0
+_PROMISING_PLANE, _PROMISING_AXIS = 1.5, 0.7
 """Scores of the scan, in squared voxels, above which nothing is worth refining. Clear planes score below 0.5; a missing
 part adds nine times its share of the surface."""
 
 _MOST_PLANES, _MOST_AXES = 14, 6
 _MOST_THROUGH_ROUND = 3
+_HOPELESS_AXIS = 6.0
 _SCREEN_PRIMES = (2, 3, 5, 7, 11, 13)
 _AS_GOOD = 2.0
 """Elements that hold about as well as the best one, whatever that is, form the group."""
@@ -86,10 +87,13 @@ def find_symmetries(shape: Shape, proposals: Proposals | None, sources: Sources)
     """
     lines = _lines(shape, proposals, sources)
     round_lines: list[FloatArray] = []
+    roughly: list[FloatArray] = []
     for direction in lines:
         point, turns = _inspect(shape, direction)
-        if turns.order is None:
+        if turns.order is None and turns.exact:
             return _revolution(shape, point[:3], point[3:])
+        if turns.order is None:
+            roughly.append(point)
         if turns.round_within:
             round_lines.append(point[:3])
     starts = _plane_starts(shape, proposals, sources, round_lines)
@@ -101,7 +105,11 @@ def find_symmetries(shape: Shape, proposals: Proposals | None, sources: Sources)
         for part, part_errors in ((planes.dropped, planes.dropped_errors), (found[~within], errors[~within]))
         for plane, error in zip(part.planes, part_errors.tolist(), strict=True)
     ]
-    return _Completion(shape, lines, sources, found[within], errors[within], rejected).result()
+    completion = _Completion(shape, lines, sources, found[within], errors[within], rejected)
+    exact = completion.exact()
+    if roughly and not exact:  # a vase as scanned; what is exact would say more
+        return _revolution(shape, roughly[0][:3], roughly[0][3:])
+    return completion.result()
 
 
 def _lines(shape: Shape, proposals: Proposals | None, sources: Sources) -> FloatArray:
@@ -136,7 +144,7 @@ def _plane_starts(
     if sources.inertia:
         normals.append(shape.principal)
     if sources.scan:
-        mirrored, _ = shape.grid.scan(shape.grid.centre)
+        mirrored, _ = shape.grid.scan
         scanned = minima(mirrored, _MOST_PLANES, _PROMISING_PLANE) @ shape.turn
         for line in round_lines:  # about a nearly round axis all planes look alike to the scan: a few are enough
             through = np.abs(scanned @ line) < 2.0 * _ALONG
@@ -227,9 +235,13 @@ class _Completion:
         self._tested: list[FloatArray] = []
         self._group = Group.generated(planes[:0], errors[:0], shape.centre)
 
-    def result(self) -> Symmetries:
-        """Complete, then judge."""
+    def exact(self) -> bool:
+        """Complete the group of what is exact; True if there is anything."""
         self._complete()
+        return len(self._group.matrices) > 1
+
+    def result(self) -> Symmetries:
+        """The group of `exact`, or where that is trivial the one of what holds best, and the verdict on it."""
         if len(self._group.matrices) == 1:
             self._approximate = True
             self._tested.clear()
@@ -307,7 +319,10 @@ class _Completion:
         if scores.min() > _PROMISING_AXIS:
             return False
         best = int(np.argmin(scores))
-        axis = refine(shape.surface, shape.samples[::2], starts[[best]], 10, scale=0.03)
+        first = squared_distances(shape.surface, shape.samples[::6], starts[[best]])
+        if np.minimum(first, CUT * CUT).mean() > _HOPELESS_AXIS * shape.max_error:
+            return False
+        axis = refine(shape.surface, shape.samples[::3], starts[[best]], 8, scale=0.03)
         error = float(mean_errors(shape.surface, shape.samples, axis)[0])
         if error > shape.max_error:
             self._reject(axis, error, "not_symmetric")
@@ -315,7 +330,7 @@ class _Completion:
         limit = self._limit(error)
         found = allowed_turns(
             shape.surface,
-            shape.samples[::2],
+            shape.samples[::3],
             axis.directions[0],
             axis.points[0],
             limit=limit,
@@ -340,7 +355,7 @@ class _Completion:
     def _half_turns(self) -> tuple[Operations, FloatArray]:
         """Two-fold axes that the scan sees and the group lacks, refined, and their errors."""
         shape = self._shape
-        _, turned = shape.grid.scan(shape.grid.centre)
+        _, turned = shape.grid.scan
         directions = minima(turned, _MOST_AXES, _PROMISING_AXIS) @ shape.turn
         starts = Operations.rotations(directions, self._group.centre, np.pi)
         near = self._group.elements.directions
@@ -384,9 +399,10 @@ class _Completion:
             errors, safe = shape.judge.errors(members)
             if safe.all() or not len(group.generators):
                 break
-            members, errors, safe = self._polished(members, errors, safe)
-            if safe.all():
-                break
+            if self._approximate:
+                members, errors, safe = self._polished(members, errors, safe)
+                if safe.all():
+                    break
             self._reject(group.generators[[int(np.argmax(group.errors))]], float(group.errors.max()), "not_symmetric")
             group = group.without_worst()
         result.point_group = group.name

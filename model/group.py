@@ -92,8 +92,8 @@ def common_point(operations: Operations, near: FloatArray) -> FloatArray:
     fixed = np.eye(3) - operations.matrices
     shifts = np.einsum("kij,kj->ki", fixed, operations.points - near)
     rows = fixed.reshape(-1, 3)
-    solution: FloatArray = np.linalg.lstsq(rows, shifts.ravel(), rcond=0.02)[0]
-    return near + solution
+    # The pseudo-inverse without its smallest parts: along an axis, or within a plane, nothing holds the point.
+    return near + np.linalg.pinv(rows, rcond=0.02) @ shifts.ravel()
 
 
 def distances_from(operations: Operations, point: FloatArray) -> FloatArray:

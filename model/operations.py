@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model import _gauss_newton as kernels
+from model import _operation_kernels as kernels
 from model._jit import kernel_array
 from model.types import AnyArray, BoolArray, FloatArray
 
@@ -71,12 +71,10 @@ class Operations:
         return np.column_stack([self.directions, offsets])
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """Images of points ``(n, 3)``, ``(k, n, 3)``; or of ``(k, n, 3)``, a set of its own for every operation."""
+        """Images of points ``(n, 3)`` under every operation: ``(k, n, 3)``."""
         points = kernel_array(points, np.float64)
-        sets = points if points.ndim == 3 else points[None]
-        result = np.empty((len(self), sets.shape[1], 3))
-        fixed = kernel_array(self.points, np.float64)
-        kernels.images(sets, int(points.ndim == 3), fixed, self.matrices, result)
+        result = np.empty((len(self), len(points), 3))
+        kernels.images(points, kernel_array(self.points, np.float64), self.matrices, result)
         return result
 
     def moved(self, turns: FloatArray, shifts: FloatArray) -> "Operations":
@@ -102,5 +100,6 @@ def linear_parts(directions: FloatArray, angles: FloatArray, improper: BoolArray
     """
     result = np.empty((len(angles), 3, 3))
     along = np.where(improper, -1.0, 1.0)
-    kernels.linear_parts(kernel_array(directions, np.float64), np.cos(angles), np.sin(angles), along, result)
+    directions, angles = kernel_array(directions, np.float64), kernel_array(angles, np.float64)
+    kernels.linear_parts(directions, angles, along, result)
     return result

@@ -10,11 +10,11 @@ converges quadratically on exactly symmetric shapes, where closed-form steps tow
 
 import numpy as np
 
-from model._gauss_newton import steps as gauss_newton_steps
+from model import _operation_kernels as _kernels
 from model._jit import kernel_array
-from model.operations import Operations
+from model.operations import Operations, linear_parts
 from model.surface import SurfaceIndex
-from model.types import AnyArray, FloatArray
+from model.types import FloatArray
 
 START_SCALE = 0.1
 """Distances, unit frame, beyond which a sample loses its say at first ..."""
@@ -59,47 +59,36 @@ def refine(
         settled: an operation whose element moves less than this in a step is left alone; one that fits only roughly,
             when it moves less than `_ROUGHLY` of its typical distance.
     """
-    samples = kernel_array(samples, np.float64)
-    moving = np.arange(len(operations))
-    scales = np.full(len(operations), scale / _SHRINK)
-    for _ in range(steps):
-        if not len(moving):
-            break
-        part = operations[moving]
-        images = part.apply(samples)
-        closest, squared, owners = surface.closest(images.reshape(-1, 3))
-        normals = surface.normals(owners).reshape(images.shape)
-        squared = squared.reshape(images.shape[:2])
-        motion, part_scales = np.empty((len(part), 6)), scales[moving]
-        gauss_newton_steps(
-            samples,
-            images,
-            closest.reshape(images.shape),
-            squared,
-            normals,
-            part.matrices,
-            part_scales,
-            _SHRINK,
-            FINAL_SCALE,
-            _SPREAD,
-            _QUANTILE,
-            _CONTACT,
-            _DAMPING,
-            motion,
-        )
-        scales[moving] = part_scales
-        turns, shifts = _clipped(motion[:, :3], _LARGEST_TURN), _clipped(motion[:, 3:], _LARGEST_SHIFT)
-        operations = _replaced(operations, moving, part.moved(turns, shifts))
-        moving = moving[np.abs(motion).max(1) > settled + _ROUGHLY * np.sqrt(squared.mean(1))]
-    return operations
+    along = np.where(operations.improper, -1.0, 1.0)
+    directions, points = surface.to_tree(operations.directions), surface.to_tree(operations.points)
+    _kernels.refine(
+        surface.to_tree(samples),
+        directions,
+        points,
+        kernel_array(operations.angles, np.float64),
+        along,
+        steps,
+        scale,
+        FINAL_SCALE,
+        _SHRINK,
+        _SPREAD,
+        _QUANTILE,
+        _DAMPING,
+        _CONTACT,
+        _LARGEST_TURN,
+        _LARGEST_SHIFT,
+        settled,
+        _ROUGHLY,
+        *surface.tree,
+    )
+    return Operations(surface.from_tree(directions), surface.from_tree(points), operations.angles, operations.improper)
 
 
-def _clipped(vectors: FloatArray, largest: float) -> FloatArray:
-    length = np.sqrt(np.square(vectors).sum(1))[:, None]
-    return vectors * np.minimum(1.0, largest / np.maximum(length, 1e-300))
-
-
-def _replaced(operations: Operations, index: AnyArray, new: Operations) -> Operations:
-    directions, points = operations.directions.copy(), operations.points.copy()
-    directions[index], points[index] = new.directions, new.points
-    return Operations(directions, points, operations.angles, operations.improper)
+def squared_distances(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:
+    """Squared distances ``(k, n)`` from the surface of the images of samples ``(n, 3)`` under every operation."""
+    squared = np.empty((len(operations), len(samples)))
+    points = surface.to_tree(operations.points)
+    # In the axes A of the tree the linear part R becomes A R A^T: the same kind of turn about the turned direction.
+    linear = linear_parts(surface.to_tree(operations.directions), operations.angles, operations.improper)
+    _kernels.image_distances(surface.to_tree(samples), points, linear, *surface.tree, squared)
+    return squared

@@ -5,7 +5,7 @@ lookup instead of a search, some thousand times cheaper than the exact distance 
 Equal voxels count equally however many faces lie in them, so that doubled faces do not disturb the scan.
 """
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -39,11 +39,12 @@ class DistanceGrid:
         step = max(1.0, len(filled) / points)
         self.points: FloatArray = np.ascontiguousarray(coordinates[np.arange(0.0, len(filled), step).astype(np.int64)])
 
-    def scan(self, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scores of all `directions` as normals of planes, and as two-fold axes, through ``centre``: ``(D,)`` each."""
+    @cached_property
+    def scan(self) -> tuple[FloatArray, FloatArray]:
+        """Scores of all `directions` as normals of planes, and as two-fold axes, through the centre: ``(D,)`` each."""
         mirrored, turned = np.empty(DIRECTIONS), np.empty(DIRECTIONS)
         points = np.ascontiguousarray(self._cells(self.points).T)
-        centre = self._cells(centre)
+        centre = self._cells(self.centre)
         _scan(directions(), points, centre, self.squared.ravel(), len(self.squared), mirrored, turned)
         return mirrored, turned
 
