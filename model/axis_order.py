@@ -19,7 +19,7 @@ SPHERE_DEVIATION = 0.013
 _LOOSE_DEVIATION = 0.1
 """A scanned or dented vase is round only approximately: RMS deviation as a part of the radius."""
 
-_FLAT = 4.0
+_FLAT = 2.0
 """Such a surface is about equally wrong at every angle; the largest error exceeds the smallest by no more than this."""
 
 _CONTRAST = 0.1

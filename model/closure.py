@@ -25,8 +25,12 @@ class Elements(NamedTuple):
     orders: tuple[int, ...]
 
 
-def closure(generators: FloatArray) -> FloatArray | None:
-    """All products of the generators ``(k, 3, 3)``: ``(g, 3, 3)``, the identity first. None if they never close."""
+LARGEST_APPROXIMATE = 4 * 12
+"""The same for operations that hold only approximately: of order 13 and more they are indistinguishable from round."""
+
+
+def closure(generators: FloatArray, largest: int = LARGEST) -> FloatArray | None:
+    """All products of the generators ``(k, 3, 3)``: ``(g, 3, 3)``, the identity first. None if they are too many."""
     group = np.eye(3)[None]
     fresh = group
     while len(fresh):
@@ -37,7 +41,7 @@ def closure(generators: FloatArray) -> FloatArray | None:
                 found.append(_orthogonal(product))
         fresh = np.reshape(found, (-1, 3, 3))
         group = np.concatenate([group, fresh])
-        if len(group) > LARGEST:
+        if len(group) > largest:
             return None
     return group
 
