@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.axis_order import SPHERE_DEVIATION, Turns, allowed_turns
+from model.axis_order import ARBITRARY_ANGLES, SPHERE_DEVIATION, Turns, allowed_turns
 from model.candidates import CUT, SAME_ANGLE, mean_errors, same_element, settle
 from model.closure import LARGEST, LARGEST_APPROXIMATE
 from model.group import Group
@@ -23,14 +23,13 @@ from model.surface import SurfaceIndex
 from model.symmetries import FoundAxis, FoundPlane, Reason, Symmetries, TurnedDown
 from model.types import BoolArray, FloatArray
 
-_GOLDEN = 2.399963229728653
 _PROMISING_PLANE, _PROMISING_AXIS = 1.5, 0.7
 """Scores of the scan, in squared voxels, above which nothing is worth refining. Clear planes score below 0.5; a missing
 part adds nine times its share of the surface."""
 
 _MOST_PLANES, _MOST_AXES = 14, 6
 _MOST_THROUGH_ROUND = 3
-_EVERY_DIRECTION = 8
+_EVERY_DIRECTION = 12
 _MOST_CANDIDATES = 24
 _PRODUCTS_EVERY, _PRODUCT_ERROR = 5, 4.0
 _HOPELESS_AXIS = 6.0
@@ -143,8 +142,8 @@ def _lines(shape: Shape, proposals: Proposals | None, sources: Sources) -> Float
 def _inspect(shape: Shape, direction: FloatArray) -> tuple[FloatArray, Turns]:
     """Whether the shape is round about an axis near ``direction``: the refined axis ``(6,)`` and what it allows."""
     start = np.concatenate([direction, shape.centre])
-    angles = _GOLDEN * np.arange(1.0, 6.0)
-    turned = Operations.rotations(np.tile(direction, (len(angles), 1)), shape.centre, angles)
+    count = len(ARBITRARY_ANGLES)
+    turned = Operations.rotations(np.tile(direction, (count, 1)), shape.centre, ARBITRARY_ANGLES)
     if shape.scores(turned).max() > _PROMISING_AXIS:
         return start, Turns(1, False)
     axis = refine(shape.surface, shape.points(3), turned[:1], 8, scale=0.05)
@@ -207,7 +206,7 @@ def _revolution(shape: Shape, direction: FloatArray, point: FloatArray) -> Symme
             result.planes.append(FoundPlane(plane, float(error), continuous=index < len(through)))
         elif index == len(through):
             result.point_group = "Cinfv"
-    turns = Operations.rotations(np.stack(axes), centre, _GOLDEN)
+    turns = Operations.rotations(np.stack(axes), centre, float(ARBITRARY_ANGLES[0]))
     errors, safe = shape.judge.errors(turns)
     for axis, error, holds in zip(axes, errors, safe, strict=True):
         if holds:
@@ -323,7 +322,9 @@ class _Completion:
             known = dict.fromkeys(range(len(directions)))
             candidates = np.concatenate([directions, normals, self._lines])
             for index, direction in enumerate(candidates):
-                if any(abs(direction @ other) > np.cos(2.0 * SAME_ANGLE) for other in self._tested):
+                # One of each set of equivalent axes is enough.
+                images = self._group.matrices @ direction
+                if any(np.abs(images @ other).max() > np.cos(2.0 * SAME_ANGLE) for other in self._tested):
                     continue
                 self._tested.append(direction)
                 order = orders[index] if index in known else 1

@@ -41,7 +41,7 @@ class Group:
             operations: candidates.
             errors: their SDE ``(k,)``.
             centre: where the group's centre is assumed along directions that no element fixes, ``(3,)``.
-            largest: groups with more members are not built.
+            largest: groups with axes of higher order are not built.
             holds: tells whether the shape has the elements that an operation would bring in besides itself.
         """
         matrices = np.eye(3)[None]
