@@ -363,7 +363,14 @@ class _Completion:
         )
         if found.order is None or found.order <= order:
             return False
-        return self._add(Operations.rotations(axis.directions, axis.points, 2.0 * np.pi / found.order))
+        angle = 2.0 * np.pi / found.order
+        generator = Operations.rotations(axis.directions, axis.points, angle)
+        if order > 1:  # the group knows where this axis is, on thin shapes better than any samples do
+            known = Operations.rotations(direction, centre, angle)
+            errors = mean_errors(shape.surface, shape.samples, Operations.joined([known, generator]))
+            if errors[0] <= max(errors[1], CERTAIN_ERROR):
+                generator = known
+        return self._add(generator)
 
     def _limit(self, error: float) -> float:
         """The largest SDE of what joins the group; the first approximate member sets it."""
