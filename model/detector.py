@@ -18,7 +18,7 @@ import torch
 from model.checkpoint import Checkpoint, load_checkpoint
 from model.detection import Detection
 from model.frames import UnitFrame, canonical_signs, inertia_frame
-from model.full import Shape, Sources, find_symmetries
+from model.full import Sources, find_symmetries
 from model.judgement import MORE_SAMPLES, SAMPLES, Judge
 from model.mesh import Mesh, MeshLike, as_mesh
 from model.paper import validated
@@ -34,6 +34,7 @@ from model.proposals import (
 from model.report import to_input
 from model.sampling import extreme_vertices, sample_surface
 from model.scan import DistanceGrid, directions
+from model.shape import Shape
 from model.surface import SurfaceIndex
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray

@@ -12,14 +12,13 @@ from model.frames import UnitFrame
 from model.mesh import as_mesh as read
 from model.surface import SurfaceIndex
 from model.transforms import reflect
-from tests.shapes import as_mesh, box, known
+from tests.shapes import box
 from training.__main__ import app
 from training.baselines import pca_planes
-from training.evaluate import PCA, UNTRAINED, cut_ball, evaluate, render
+from training.evaluate import PCA, UNTRAINED, evaluate, render
 from training.fit import fit
 from training.prepared import PreparedSet
 from training.recipe import Recipe
-from training.reference import clear_planes, hemisphere
 from training.shapes import write_shapes
 
 RECIPE = Recipe.from_dict({
@@ -94,42 +93,12 @@ def test_evaluation_of_boxes_and_chairs(exported: Path, mesh_folder: Path, tmp_p
     assert again == report
 
 
-def test_the_reference_search_finds_all_planes_of_known_shapes():
-    for family, parameters in (("box", {}), ("pyramid", {"n": 5}), ("prism", {"n": 6}), ("mirror", {}), ("none", {})):
-        shape = known(family, **parameters)
-        mesh = as_mesh(shape)
-        frame = UnitFrame.of(mesh.vertices, mesh.faces)
-        found = clear_planes(frame.to_unit(mesh.vertices), mesh.faces)
-        assert len(found) == len(shape.planes), family
-        for plane in shape.planes:
-            assert np.abs(found[:, :3] @ plane[:3]).max() > 1 - 1e-6
-
-
-def test_hemisphere_is_even():
-    directions = hemisphere(200)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
-    cosines = np.abs(directions @ directions.T) - 2 * np.eye(200)
-    nearest = np.degrees(np.arccos(cosines.max(1)))
-    assert nearest.min() > 3.0
-    assert nearest.max() < 12.0
-
-
 def test_pca_is_exact_on_a_box():
     mesh = box(1, 2, 4)
     vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
     surface = SurfaceIndex(vertices, mesh.faces)
     for plane in pca_planes(vertices, mesh.faces):
         assert surface.mean_squared_distance(reflect(vertices, plane)) < 1e-20
-
-
-def test_cut_ball_removes_one_connected_neighbourhood():
-    mesh = as_mesh(known("torus"))
-    kept = cut_ball(mesh.vertices, mesh.faces, np.random.default_rng(0))
-    assert 0.3 * len(mesh.faces) <= len(kept) < len(mesh.faces)
-    gone = {tuple(face) for face in mesh.faces.tolist()} - {tuple(face) for face in kept.tolist()}
-    middles = np.array([mesh.vertices[list(face)].mean(0) for face in gone])
-    diagonal = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
-    assert np.linalg.norm(middles - middles.mean(0), axis=1).max() < 2 * 0.15 * diagonal
 
 
 def test_ground_truth_beside_the_meshes_is_used(exported: Path, tmp_path: Path):
