@@ -1,25 +1,55 @@
-"""Draws the README's pictures from the shipped weights and tests/data: `python docs/make_pictures.py`.
+"""Draws the pictures of README.md and accuracy.md from the shipped weights: `python docs/make_pictures.py`.
 
-Every picture shows what `Detector.detect` answers in paper mode; nothing is drawn by hand.
+Every picture shows what `Detector.detect` answers; nothing is drawn by hand. Run from the root of the repository.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from rendering import Scene, camera
 
 from model import Detection, Detector
+from model.mesh import Mesh
+from training.shapes import generate
 
 ROOT = Path(__file__).parents[1]
+Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 EXAMPLES = ("chair.obj", "table.glb", "vase.ply", "plant.off")
 COLOURS = ("#d1495b", "#00798c", "#edae49")
+
+GROUPS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
+    "groups_1.png": [
+        ("chair.obj", None),
+        ("table.glb", None),
+        ("vase.ply", None),
+        ("cyclic", {"n": 5}),
+        ("prism", {"n": 6}),
+    ],
+    "groups_2.png": [
+        ("improper", {"n": 6}),
+        ("antiprism", {"n": 5}),
+        ("spindle", {}),
+        ("orbit", {"group": "O"}),
+        ("polyhedron", {"solid": "dodecahedron"}),
+    ],
+}
+"""Two sheets of five: files of tests/data (Kenney and Quaternius, CC0-1.0), and families of `training.shapes`."""
+
+PLANE_COLOUR, FAMILY_COLOUR = "#00798c", "#edae49"
+AXIS_COLOURS = {2: "#444444", 3: "#2e8b57", 4: "#d1495b", 5: "#8e44ad", 6: "#c77700"}
+PIXELS = 330
+SEED = 2
+CONTINUOUS_COLOUR, OTHER_ORDER_COLOUR = "#d4a017", "#1f4fbf"
 
 
 def draw(axes: object, detection: Detection) -> None:
     """Shaded triangles, planes as translucent squares through their points, continuous axes as lines. y is up."""
-    mesh, turn = detection.mesh, np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    mesh, turn = detection.mesh, Y_UP
     corners = mesh.vertices[mesh.faces] @ turn.T
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -36,16 +66,53 @@ def draw(axes: object, detection: Detection) -> None:
     for axis in detection.axes:
         ends = turn @ np.stack([axis.point + s * 1.3 * half * axis.direction for s in (-1, 1)], axis=1)
         axes.plot(*ends, color="black", linewidth=2)
-    center = turn @ detection.center
+    frame_view(axes, turn @ detection.center, half, zoom=1.25)
+
+
+def draw_group(detection: Detection, turn: np.ndarray) -> np.ndarray:
+    """The mesh with all planes as translucent discs and all axes as rods through their true places, as an image."""
+    mesh, half = detection.mesh, 0.5 * detection.scale
+    scene = Scene(camera(-55.0, 22.0), turn @ detection.center, 1.12 * half)
+    scene.add_triangles(mesh.vertices[mesh.faces] @ turn.T, np.array([0.86, 0.88, 0.92]))
+    alpha = 0.45 / max(1.0, len(detection.planes)) ** 0.7
+    for plane in detection.planes:
+        colour = np.array(to_rgb(FAMILY_COLOUR if plane.continuous else PLANE_COLOUR))
+        scene.add_disc(turn @ plane.point, turn @ plane.normal, 0.98 * half, colour, alpha)
+    thickness = half * (0.018 if len(detection.axes) < 8 else 0.012)
+    for axis in detection.axes:
+        colour = CONTINUOUS_COLOUR if axis.order is None else AXIS_COLOURS.get(axis.order, OTHER_ORDER_COLOUR)
+        ends = np.stack([axis.point + side * 1.1 * half * axis.direction for side in (-1.0, 1.0)])
+        scene.add_tube(ends @ turn.T, thickness * (1.6 if axis.continuous else 1.0), np.array(to_rgb(colour)))
+    return scene.image(PIXELS)
+
+
+def frame_view(axes: object, center: np.ndarray, half: float, zoom: float) -> None:
+    """Look at the centre from above, all sides at one scale."""
     for name, middle in zip("xyz", center, strict=True):
         getattr(axes, f"set_{name}lim")(middle - half, middle + half)
-    axes.set_box_aspect((1, 1, 1), zoom=1.25)
+    axes.set_box_aspect((1, 1, 1), zoom=zoom)
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
 
 
+def shape_of(name: str, parameters: dict[str, Any] | None) -> tuple[Any, np.ndarray]:
+    """A mesh to detect, and the turn that puts its upright axis along z."""
+    if parameters is None:
+        return ROOT / "tests" / "data" / name, Y_UP
+    shape = generate(name, np.random.default_rng(SEED), **parameters)
+    return Mesh.checked(shape.vertices, shape.faces), np.eye(3)
+
+
+def counted(detection: Detection) -> str:
+    """How many planes and axes, as a caption says it; how many hold within the threshold only, if any."""
+    planes, axes = len(detection.planes), len(detection.axes)
+    similar = sum(not element.exact for element in (*detection.planes, *detection.axes))
+    text = f"{planes} plane{'' if planes == 1 else 's'}, {axes} ax{'i' if axes == 1 else 'e'}s"
+    return text + (f" ({similar} similar only)" if similar else "")
+
+
 def main() -> None:
-    """Write docs/images/examples.png."""
+    """Write docs/images/examples.png (paper mode) and the two sheets of groups (full mode)."""
     detector = Detector.load()
     figure = Figure(figsize=(12, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -55,9 +122,26 @@ def main() -> None:
         draw(axes, detection)
         errors = ", ".join(f"{plane.symmetry_error:.0e}" for plane in detection.planes) or "no plane"
         axes.set_title(f"{name}: {detection.point_group}\n{errors}", fontsize=10)
-    out = ROOT / "docs" / "images" / "examples.png"
+    save(figure, "examples.png")
+    for file, shapes in GROUPS.items():
+        figure = Figure(figsize=(15, 3.55))
+        figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.85, wspace=0.01)
+        FigureCanvasAgg(figure)
+        for index, (name, parameters) in enumerate(shapes):
+            mesh, turn = shape_of(name, parameters)
+            detection = detector.detect(mesh)
+            axes = figure.add_subplot(1, len(shapes), index + 1)
+            axes.imshow(draw_group(detection, turn), interpolation="none")
+            axes.set_axis_off()
+            axes.set_title(f"{detection.point_group}\n{counted(detection)}", fontsize=12)
+        save(figure, file)
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a sheet to docs/images."""
+    out = ROOT / "docs" / "images" / name
     figure.savefig(out, dpi=110)
-    print(f"wrote {out}")
+    print(f"wrote {out}, {out.stat().st_size // 1024} KB")
 
 
 if __name__ == "__main__":

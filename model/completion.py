@@ -8,7 +8,7 @@ from model.axis_order import allowed_turns
 from model.candidates import CUT, SAME_ANGLE, mean_errors, same_element, settle
 from model.closure import LARGEST, LARGEST_APPROXIMATE
 from model.group import Group
-from model.judgement import CERTAIN_ERROR, EXACT_ERROR
+from model.judgement import CERTAIN_ERROR, EXACT_ERROR, tangents
 from model.operations import Operations
 from model.refinement import refine, squared_distances
 from model.scan import minima
@@ -20,6 +20,9 @@ _MOST_AXES = 6
 _PRODUCTS_EVERY, _PRODUCT_ERROR = 5, 4.0
 """New members of a group are checked on every fifth sample, against so many times the threshold of its generators."""
 
+_WORSE, _PRECISE = 16.0, 1e-8
+"""They may also not be so many times worse than these, or than the second figure."""
+
 _HOPELESS_AXIS = 6.0
 """An axis whose first turn exceeds the threshold so many times is not refined."""
 
@@ -30,6 +33,7 @@ _AS_GOOD = 2.0
 _BASIN = float(np.deg2rad(6.0))
 """Nearer than this to a better element, a similar one is the same, not quite come to rest."""
 
+_AZIMUTHS, _BEST_AZIMUTHS = 32, 4
 _ACROSS = float(np.cos(np.deg2rad(8.0)))
 
 
@@ -87,6 +91,7 @@ class Completion:
             self._errors = np.concatenate([self._errors, errors])
             if self._extend(operations, errors):
                 self._raise_orders()
+        self._add_along()
         self._add_cubic()
         self._add_improper()
 
@@ -103,10 +108,14 @@ class Completion:
             self._group = grown
         return larger
 
-    def _all_hold(self, operations: Operations) -> bool:
-        """Whether the shape has all these: the product of two symmetries errs four times as much as each at worst."""
+    def _all_hold(self, operations: Operations, error: float) -> bool:
+        """Whether the shape has all these: the product of two symmetries errs four times as much as each at worst.
+
+        On nearly round shapes everything is nearly exact: what planes of a small ``error`` bring in must be good too.
+        """
         errors = mean_errors(self._shape.surface, self._shape.samples[::_PRODUCTS_EVERY], operations)
-        return bool(errors.max(initial=0.0) <= _PRODUCT_ERROR * self._level)
+        bound = min(_PRODUCT_ERROR, _WORSE * max(error, _PRECISE) / self._level) * self._level
+        return bool(errors.max(initial=0.0) <= bound)
 
     def _stands_out(self, operation: Operations, error: float, *, beside_others: bool = False) -> bool:
         stands_out = self._shape.judge.stands_out(operation, beside_others=beside_others)
@@ -202,6 +211,31 @@ class Completion:
         settled = settle(shape.surface, shape.points, shape.samples, starts, shape.max_error)
         good = settled.errors <= shape.max_error
         return settled.operations[good], settled.errors[good]
+
+    def _add_along(self) -> None:
+        """Planes through the principal axis and two-fold axes across it, which the scan misses on nearly round shapes.
+
+        Both repeat with the period pi / n about an axis of order n: of many azimuths within one the best are refined.
+        """
+        normals, lines, orders = self._group.elements
+        if not orders or len(lines) > 1:
+            return
+        main, centre = lines[0], self._group.centre
+        if len(normals) and np.abs(normals @ main).min() < 0.1:
+            return
+        first, second = tangents(main)
+        angles = np.pi / orders[0] * np.arange(_AZIMUTHS) / _AZIMUTHS
+        sides = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+        planes = Operations.reflections(np.column_stack([sides, -sides @ centre]))
+        turns = Operations.rotations(sides, centre, np.pi)
+        shape = self._shape
+        starts = [
+            kind[np.argsort(mean_errors(shape.surface, shape.samples[::5], kind), kind="stable")[:_BEST_AZIMUTHS]]
+            for kind in (planes, turns)
+        ]
+        found = settle(shape.surface, shape.points, shape.samples, Operations.joined(starts), shape.max_error)
+        if self._extend(found.operations, found.errors):
+            self._raise_orders()
 
     def _add_cubic(self) -> None:
         """Three perpendicular two-fold axes and nothing higher may be the half of a tetrahedral group."""

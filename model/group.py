@@ -30,7 +30,7 @@ class Group:
         errors: FloatArray,
         centre: FloatArray,
         largest: int = closure.LARGEST,
-        holds: "Callable[[Operations], bool] | None" = None,
+        holds: "Callable[[Operations, float], bool] | None" = None,
     ) -> "Group":
         """The group of the operations that fit together, taken by rising error.
 
@@ -42,7 +42,8 @@ class Group:
             errors: their SDE ``(k,)``.
             centre: where the group's centre is assumed along directions that no element fixes, ``(3,)``.
             largest: groups with axes of higher order are not built.
-            holds: tells whether the shape has the elements that an operation would bring in besides itself.
+            holds: tells whether the shape has the elements that an operation would bring in besides itself, given the
+                largest error of the generators.
         """
         matrices = np.eye(3)[None]
         chosen: list[int] = []
@@ -57,7 +58,11 @@ class Group:
             grown = closure.closure(trial.matrices, largest)
             if grown is None:
                 continue
-            if holds is not None and len(grown) > 2 and not holds(_element_operations(grown, middle, matrices)):
+            if (
+                holds is not None
+                and len(grown) > 2
+                and not holds(_element_operations(grown, middle, matrices), float(errors[[*chosen, index]].max()))
+            ):
                 continue
             matrices = grown
             chosen.append(index)
@@ -65,7 +70,7 @@ class Group:
         return cls(generators, errors[chosen], matrices, common_point(generators, centre))
 
     def with_operations(
-        self, operations: Operations, errors: FloatArray, largest: int, holds: Callable[[Operations], bool]
+        self, operations: Operations, errors: FloatArray, largest: int, holds: Callable[[Operations, float], bool]
     ) -> "Group":
         """The group with more generators; the arguments are those of `generated`."""
         joined = Operations.joined([self.generators, operations])

@@ -1,4 +1,4 @@
-"""Command line: `python -m training prepare | fit | export | evaluate | shapes`.
+"""Command line: `python -m training prepare | fit | export | evaluate | groundtruth | shapes`.
 
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
@@ -115,7 +115,11 @@ def evaluate(
     weights: Annotated[list[str] | None, typer.Option(help="Weights to judge; may be repeated.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
     damage: Annotated[
-        str, typer.Option(help="clean, or partial: a ball of triangles removed before detection.")
+        str,
+        typer.Option(
+            help="clean; partial: a ball of triangles removed before detection; in full mode also rotated, noisy, "
+            "decimated."
+        ),
     ] = "clean",
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
@@ -123,9 +127,53 @@ def evaluate(
         Path | None, typer.Option(help="Cache of reference planes; found once by a slow search, then reused.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")] = None,
+    mode: Annotated[str, typer.Option(help="paper: the network and its validation; full: all symmetries.")] = "paper",
+    ground_truth: Annotated[
+        Path | None, typer.Option("--groundtruth", help="Full mode: file that `groundtruth` wrote.")
+    ] = None,
+    methods: Annotated[
+        str, typer.Option(help="Full mode: what to set side by side, separated by commas.")
+    ] = "full,paper,pca,random,exhaustive",
+    max_error: Annotated[float, typer.Option(help="Full mode: threshold on the symmetry error (SDE).")] = 4e-4,
+    exhaustive_limit: Annotated[
+        int, typer.Option(min=0, help="Full mode: shapes, drawn at random, that the exhaustive search gets.")
+    ] = 40,
+    ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
+    by: Annotated[
+        str | None, typer.Option(help="Full mode: tables by source, or by a column of the manifest, such as kind.")
+    ] = None,
+    manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
     progress: Verbose = True,
 ) -> None:
-    """Judge weights beside PCA and the untrained network: exact distances, random poses, one table."""
+    """Judge paper mode or full mode beside other methods: exact distances, one table."""
+    if mode not in ("paper", "full"):
+        raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
+    if mode == "full":
+        from training.full_command import run as run_full
+        from training.full_evaluation import Options
+
+        chosen = Options(
+            damage, tuple(methods.split(",")), (weights or ["default"])[0], max_error, seed, exhaustive_limit
+        )
+        try:
+            if len(weights or []) > 1:
+                raise ValueError("full mode is judged with one set of weights")
+            text = run_full(
+                folders,
+                chosen,
+                with_ablation=ablation,
+                by=by,
+                manifest=manifest,
+                json_file=json_file,
+                limit=limit,
+                ground_truth=ground_truth,
+                workers=workers,
+                progress=progress,
+            )
+        except (ValueError, OSError) as error:
+            raise typer.BadParameter(str(error)) from error
+        typer.echo(text)
+        return
     from training.evaluate import evaluate as run
     from training.evaluate import render
 
@@ -147,6 +195,24 @@ def evaluate(
         import json
 
         json_file.write_text(json.dumps(report, indent=1) + "\n")
+
+
+@app.command()
+def groundtruth(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="JSON file to write, all in each shape's unit frame.")],
+    limit: Annotated[int | None, typer.Option(min=1, help="Search the first of them only.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Search every plane and axis of every mesh: exhaustive, slow, independent of the detector. Resumes."""
+    from training.groundtruth import groundtruth as run
+
+    try:
+        summary = run(folders, out, limit=limit, workers=workers, progress=progress)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(f"{summary.shapes} shapes in {out}, {summary.searched} searched now, {summary.skipped} skipped")
 
 
 @app.command()

@@ -24,11 +24,12 @@ from model.frames import UnitFrame
 from model.sampling import sample_surface
 from model.surface import SurfaceIndex
 from model.transforms import reflect
-from model.types import FloatArray, IntArray
+from model.types import FloatArray
 from model.validation import MAX_ERROR
 from training.baselines import pca_planes, untrained
+from training.damage import cut_ball
+from training.groundtruth import find_symmetries
 from training.prepare import SourceFile, find_meshes
-from training.reference import clear_planes
 from training.solids import random_rotation
 
 JUDGE_SAMPLES = 1500
@@ -127,7 +128,8 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
     vertices, faces = frame.to_unit(mesh.vertices), mesh.faces
     if known is None:
         truth_file = source.path.parent / "ground_truth.json"
-        known = _known_planes(truth_file, source.path.name, frame) or clear_planes(vertices, faces).tolist()
+        known = _known_planes(truth_file, source.path.name, frame)
+        known = known or find_symmetries(vertices, faces).clear_planes().tolist()
     result.reference, result.clear = known, len(known)
     rng = np.random.default_rng([options.seed, index])
     pose = random_rotation(rng)
@@ -136,9 +138,9 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
     truth[:, :3] = truth[:, :3] @ pose.T
     surface = SurfaceIndex(posed, faces)
     judge, _ = sample_surface(posed, faces, JUDGE_SAMPLES, seed=_JUDGE_SEED)
-    shown = faces if options.damage == "clean" else cut_ball(posed, faces, rng)
-    shown_frame = UnitFrame.of(posed, shown)
-    shown_unit = shown_frame.to_unit(posed)
+    shown_vertices, shown = (posed, faces) if options.damage == "clean" else cut_ball(posed, faces, rng)
+    shown_frame = UnitFrame.of(shown_vertices, shown)
+    shown_unit = shown_frame.to_unit(shown_vertices)
 
     def errors(planes: FloatArray) -> list[float]:
         return [surface.mean_squared_distance(reflect(judge, plane)) for plane in planes]
@@ -152,7 +154,7 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
     result.methods[PCA] = judged(pca_planes(shown_unit, shown))
     for name, detector in _detectors(options.weights).items():
         figures = judged(detector.propose(shown_unit, shown).planes)
-        detection = detector.detect((posed, shown), mode="paper")
+        detection = detector.detect((shown_vertices, shown), mode="paper")
         accepted = np.array([np.append(plane.normal, plane.offset) for plane in detection.planes]).reshape(-1, 4)
         figures["validated"] = errors(accepted)
         figures["axes"] = len(detection.axes)
@@ -193,22 +195,6 @@ def _against(truth: FloatArray, planes: FloatArray, errors: list[float]) -> dict
         "found": int(found.any(0).sum()),
         "clear": len(truth),
     }
-
-
-def cut_ball(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> IntArray:
-    """Remove a ball of triangles about a surface point, its radius 15 % of the bounding box' diagonal.
-
-    A triangle goes when its centroid lies inside. If next to nothing would be left, other points are tried; after ten
-    the mesh stays whole.
-    """
-    corners = vertices[faces]
-    middle = corners.mean(1)
-    radius = 0.15 * float(np.linalg.norm(corners.max((0, 1)) - corners.min((0, 1))))
-    for _ in range(10):
-        kept = np.linalg.norm(middle - middle[rng.integers(len(faces))], axis=1) >= radius
-        if kept.sum() >= max(4, 0.3 * len(faces)):
-            return np.ascontiguousarray(faces[kept])
-    return faces
 
 
 def summarise(results: Sequence[ShapeResult], weights: Sequence[str], damage: str) -> dict[str, Any]:

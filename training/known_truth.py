@@ -1,0 +1,52 @@
+"""What `training shapes` wrote down of the symmetries of a file, in the form of the search's truth."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from model.frames import UnitFrame
+from model.types import FloatArray
+from training.truth import Truth, TruthAxis
+
+
+def plane_to_unit(plane: FloatArray, frame: UnitFrame) -> FloatArray:
+    """A plane (n, d) ``(4,)`` of the input frame in the unit frame."""
+    return np.append(plane[:3], (plane[3] + plane[:3] @ frame.center) / frame.scale)
+
+
+def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
+    """Truth and point group that `training shapes` wrote beside a file, in its unit frame; None if it did not.
+
+    Of the planes through a continuous axis, which the file does not list, two are added as the search would.
+    """
+    file = path.parent / "ground_truth.json"
+    if not file.is_file():
+        return None
+    entry = json.loads(file.read_text(encoding="utf-8")).get(path.name)
+    if entry is None:
+        return None
+    planes = [plane_to_unit(np.array(plane), frame) for plane in entry["planes"]]
+    axes = [
+        TruthAxis(np.array(axis["direction"]), frame.to_unit(np.array(axis["point"])), axis["order"], 0.0)
+        for axis in entry["axes"]
+    ]
+    endless = [axis for axis in axes if axis.order is None]
+    through: list[FloatArray] = []
+    if len(endless) == 1:
+        direction = endless[0].direction
+        first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+        first /= np.linalg.norm(first)
+        for normal in (first, np.cross(direction, first)):
+            offset = -float(normal @ endless[0].point)
+            through.append(np.array([*normal, offset]))
+    continuous = [len(endless) > 1] * len(planes) + [True] * len(through)
+    truth = Truth(
+        center=frame.center,
+        scale=frame.scale,
+        planes=np.array(planes + through).reshape(-1, 4),
+        plane_errors=np.zeros(len(continuous)),
+        plane_continuous=np.array(continuous, dtype=np.bool_),
+        axes=axes,
+    )
+    return truth, entry["point_group"]
