@@ -20,7 +20,7 @@ _MOST_AXES = 6
 _PRODUCTS_EVERY, _PRODUCT_ERROR = 5, 4.0
 """New members of a group are checked on every fifth sample, against so many times the threshold of its generators."""
 
-_WORSE, _PRECISE = 16.0, 1e-8
+_WORSE, _PRECISE = 16.0, 2e-8
 """They may also not be so many times worse than these, or than the second figure."""
 
 _HOPELESS_AXIS = 6.0
