@@ -59,8 +59,9 @@ def detect(
     weights: Weights = "default",
 ) -> None:
     """Find the symmetries of mesh files. Results go to standard output, failures to standard error."""
-    from app.detection import MeshLimits, Options, parse_and_detect, to_json
+    from app.detection import MeshLimits, Options, parse_and_detect
     from app.report import print_report
+    from app.schemas import to_json
     from model.errors import MeshError
 
     if not 0 < max_error <= 1:

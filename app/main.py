@@ -9,28 +9,30 @@ from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
 from app import __version__, openapi, problems, routes
-from app.detection import SymmetryDetector
 from app.middleware import RequestContext
 from app.runtime import Runtime
 from app.settings import Settings
+from app.workers.factory import Launch
 
 STATIC = Path(__file__).parent / "static"
 logger = logging.getLogger("prsnet")
 
 
-def create_app(settings: Settings | None = None, detector: SymmetryDetector | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, launch: Launch | None = None) -> FastAPI:
     """The application; without arguments configured by the environment, with the shipped weights.
 
-    A ``detector`` given here is served instead of loading ``settings.weights``.
+    ``launch`` starts the process that workers are forked from, instead of one that loads ``settings.weights``.
     """
-    runtime = Runtime(settings or Settings(), detector)
+    runtime = Runtime(settings or Settings(), launch)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None, None]:
         logger.info("settings: %s", runtime.settings.summary())
         runtime.start()
-        yield
-        await runtime.stop()
+        try:
+            yield
+        finally:
+            await runtime.stop()
 
     app = FastAPI(
         title=openapi.TITLE,

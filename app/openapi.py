@@ -114,6 +114,7 @@ DETECT: dict[str, Any] = {
         **_errors(
             problems.MALFORMED,
             problems.INVALID_PARAMETER,
+            problems.UPLOAD_TOO_SLOW,
             problems.UPLOAD_TOO_LARGE,
             problems.MESH_TOO_LARGE,
             problems.UNSUPPORTED_FORMAT,
@@ -122,6 +123,7 @@ DETECT: dict[str, Any] = {
             problems.DEGENERATE_MESH,
             problems.INTERNAL,
             problems.OVERLOADED,
+            problems.WORKER_LOST,
             problems.NOT_READY,
             problems.DEADLINE,
         ),

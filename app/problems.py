@@ -53,6 +53,9 @@ NOT_FOUND = ProblemType("not-found", 404, "Not found", "There is nothing at this
 METHOD_NOT_ALLOWED = ProblemType(
     "method-not-allowed", 405, "Method not allowed", "This address does not answer GET; it answers POST."
 )
+UPLOAD_TOO_SLOW = ProblemType(
+    "upload-too-slow", 408, "Upload too slow", "An upload may take 30 seconds, and pause for 10."
+)
 UPLOAD_TOO_LARGE = ProblemType(
     "upload-too-large", 413, "Upload too large", "The upload is larger than the limit of 67108864 bytes."
 )
@@ -77,6 +80,10 @@ INTERNAL = ProblemType(
 OVERLOADED = ProblemType(
     "overloaded", 503, "Overloaded", "All workers are busy and the queue is full. Try again in a second."
 )
+WORKER_LOST = ProblemType(
+    "worker-lost", 503, "Worker lost",
+    "The process that worked on the mesh was killed, and so was the next one. Try again in a second.",
+)  # fmt: skip
 NOT_READY = ProblemType("not-ready", 503, "Not ready", "The service is starting: its weights are being loaded.")
 DEADLINE = ProblemType(
     "deadline-passed", 504, "Deadline passed", "The request took longer than the 60 seconds allowed."
@@ -89,6 +96,9 @@ _MESH_PROBLEMS: dict[type[MeshError], ProblemType] = {
     DegenerateMeshError: DEGENERATE_MESH,
     MeshTooLargeError: MESH_TOO_LARGE,
 }
+
+
+TOO_MUCH_MEMORY = "The mesh needs more memory than a request may take; send one with fewer faces."
 
 
 class ProblemError(Exception):

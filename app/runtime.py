@@ -1,16 +1,18 @@
-"""The life of one server process: start, warm up, serve, drain, stop."""
+"""The life of one server process: start, serve, drain, stop."""
 
 import asyncio
 import logging
 from collections.abc import Callable
 from enum import Enum
+from typing import TYPE_CHECKING
 
-from app.detection import SymmetryDetector
-from app.pool import WorkPool
 from app.problems import NOT_READY, ProblemError
 from app.settings import Settings
-from app.warmup import warm_up
-from model.errors import CheckpointError
+from app.workers.factory import Card, Launch, StartError, launcher
+from app.workers.pool import WorkerPool
+
+if TYPE_CHECKING:
+    from app.detection import SymmetryDetector
 
 logger = logging.getLogger("prsnet")
 
@@ -24,7 +26,10 @@ class State(Enum):
     FAILED = "The service could not load its weights; its log says why."
 
 
-def load_detector(weights: str) -> SymmetryDetector:
+_NO_WORKER = "All workers have died and are being replaced; send the request to another instance."
+
+
+def load_detector(weights: str) -> "SymmetryDetector":
     """The real detector with ``weights``.
 
     Raises:
@@ -36,52 +41,46 @@ def load_detector(weights: str) -> SymmetryDetector:
 
 
 class Runtime:
-    """Settings, worker pool, detector and state, held by the application as ``app.state.runtime``."""
+    """Settings, worker pool and state, held by the application as ``app.state.runtime``."""
 
-    def __init__(self, settings: Settings, detector: SymmetryDetector | None = None) -> None:
+    def __init__(self, settings: Settings, launch: Launch | None = None) -> None:
         self.settings = settings
-        self.pool = WorkPool(settings.workers, settings.queue)
+        self.pool = WorkerPool(settings, launch or launcher(settings.weights))
         self.state = State.STARTING
+        self.uploading = 0
         self.on_failure: Callable[[], None] = lambda: None
-        self._detector = detector
         self._starting: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Load the weights and warm up on a worker, while the event loop already answers."""
+        """Load the weights and start the workers, while the event loop already answers."""
         self._starting = asyncio.create_task(self._start())
 
     async def _start(self) -> None:
         try:
-            self._detector = await asyncio.wrap_future(self.pool.submit(self._load))
-        except Exception as error:
-            expected = isinstance(error, CheckpointError)  # its message says all; anything else is a defect
-            logger.error("start-up failed: %s", error, exc_info=not expected)
+            card = await self.pool.start()
+        except StartError as error:
+            logger.error("start-up failed: %s", error)
             self.state = State.FAILED
             self.on_failure()
             return
         if self.state is State.STARTING:
             self.state = State.READY
-            logger.info("ready: %s %s", self._detector.name, self._detector.version)
-
-    def _load(self) -> SymmetryDetector:
-        detector = self._detector or load_detector(self.settings.weights)
-        warm_up(detector)
-        return detector
+            logger.info("ready: %s %s", card.name, card.version)
 
     def drain(self) -> None:
         """From now on ``GET /health`` says 503, to send traffic elsewhere; what comes is still served."""
         self.state = State.DRAINING
 
     async def stop(self) -> None:
-        """Drain, and let the workers finish what runs for up to the deadline."""
+        """Drain, let the workers finish what runs for up to the deadline, and end them."""
         self.drain()
         if self._starting is not None:
             self._starting.cancel()
-        self.pool.close(wait=False)
         for _ in range(round(self.settings.deadline_s * 20)):
             if self.pool.admitted == 0:
-                return
+                break
             await asyncio.sleep(0.05)
+        await self.pool.close()
 
     def require_ready(self) -> None:
         """Pass when a request would be served and more are welcome.
@@ -91,14 +90,16 @@ class Runtime:
         """
         if self.state is not State.READY:
             raise ProblemError(NOT_READY, self.state.value, {"Retry-After": "1"})
+        if self.pool.live == 0:
+            raise ProblemError(NOT_READY, _NO_WORKER, {"Retry-After": "1"})
 
     @property
-    def detector(self) -> SymmetryDetector:
-        """The warmed-up detector; it stays in service while draining.
+    def card(self) -> Card:
+        """What is served; it stays in service while draining.
 
         Raises:
             ProblemError: ``not-ready`` (503, with ``Retry-After``).
         """
-        if self._detector is None or self.state in (State.STARTING, State.FAILED):
+        if self.pool.card is None or self.state in (State.STARTING, State.FAILED):
             raise ProblemError(NOT_READY, self.state.value, {"Retry-After": "1"})
-        return self._detector
+        return self.pool.card

@@ -2,7 +2,6 @@
 
 import logging
 import math
-import os
 import signal
 import time
 from types import FrameType
@@ -46,7 +45,7 @@ class DrainingServer(uvicorn.Server):
 
 
 def serve(settings: Settings) -> int:
-    """Serve until a signal. The exit code is 0, or 1 when start-up failed or work had to be abandoned."""
+    """Serve until a signal. The exit code is 0, or 1 when start-up failed."""
     logging.basicConfig(level=settings.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     app = create_app(settings)
     runtime: Runtime = app.state.runtime
@@ -70,10 +69,4 @@ def serve(settings: Settings) -> int:
 
     runtime.on_failure = give_up
     server.run()
-    code = 1 if failures else 0
-    if runtime.pool.busy:
-        # Threads cannot be stopped, and the interpreter would wait for them for ever.
-        logger.error("abandoning work that outlived the deadline or the start-up")
-        logging.shutdown()
-        os._exit(1)
-    return code
+    return 1 if failures else 0

@@ -8,7 +8,6 @@ from model._jit import jit, kernel_array
 from model.errors import MeshTooLargeError, UnreadableMeshError
 from model.types import AnyArray, FloatArray, IntArray
 
-
 MOST_NODES = 1 << 20
 """Nodes, objects and placements of a scene, unless the caller says otherwise."""
 
