@@ -1,6 +1,7 @@
 """One request for a detection, from its first byte to the answer: who waits for what, and what ends it."""
 
 import asyncio
+import time
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
@@ -8,6 +9,7 @@ from fastapi import Request
 from starlette.requests import ClientDisconnect
 
 from app import schemas
+from app.middleware import stages
 from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, WORKER_LOST, ProblemError
 from app.runtime import Runtime
 from app.uploads import read_upload
@@ -45,11 +47,19 @@ async def _answer(request: Request, runtime: Runtime, query: schemas.DetectQuery
     runtime.pool.require_room()
     if runtime.uploading >= settings.uploads:
         raise ProblemError(OVERLOADED, "Too many uploads at a time. Try again in a second.", {"Retry-After": "1"})
+    spent = stages(request)
+    began = time.perf_counter()
     runtime.uploading += 1
     try:
         upload = await read_upload(request, settings)
     finally:
         runtime.uploading -= 1
+        spent["upload"] = _since(began)
+    began = time.perf_counter()
+
+    def begin() -> None:
+        spent["queue"] = _since(began)
+
     with upload, runtime.pool.admit():
         job = Job(
             filename=upload.filename,
@@ -64,7 +74,17 @@ async def _answer(request: Request, runtime: Runtime, query: schemas.DetectQuery
             size=upload.size,
             place="inline" if upload.file is None else "descriptor",
         )
-        return await _unless_gone(request, runtime.pool.run(job, upload.source))
+        response = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))
+    timings = response.timings_ms
+    for name in ("parse", "voxelize", "infer", "refine"):
+        spent[name] = getattr(timings, name)
+    spent["validate"] = timings.validate_
+    spent["worker"] = timings.total
+    return response
+
+
+def _since(began: float) -> float:
+    return (time.perf_counter() - began) * 1e3
 
 
 async def _unless_gone(request: Request, work: Coroutine[Any, Any, T]) -> T:

@@ -6,10 +6,11 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI
+from fastapi.middleware.cors import CORSMiddleware
 from fastapi.staticfiles import StaticFiles
 
-from app import __version__, openapi, problems, routes
-from app.middleware import RequestContext
+from app import __version__, auth, openapi, problems, routes
+from app.middleware import HEADER, RequestContext
 from app.runtime import Runtime
 from app.settings import Settings
 from app.workers.factory import Launch
@@ -23,11 +24,12 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
 
     ``launch`` starts the process that workers are forked from, instead of one that loads ``settings.weights``.
     """
-    runtime = Runtime(settings or Settings(), launch)
+    settings = settings or Settings()
+    runtime = Runtime(settings, launch)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None, None]:
-        logger.info("settings: %s", runtime.settings.summary())
+        logger.info("settings: %s", settings.summary())
         runtime.start()
         try:
             yield
@@ -40,13 +42,26 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
         summary=openapi.SUMMARY,
         description=openapi.DESCRIPTION,
         docs_url=None,
+        openapi_url="/openapi.json" if settings.docs else None,
         redoc_url=None,
         lifespan=lifespan,
     )
     app.state.runtime = runtime
-    app.add_middleware(RequestContext)
+    if origins := list(filter(None, settings.cors_origins.replace(" ", "").split(","))):
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=origins,
+            allow_methods=["GET", "POST"],
+            allow_headers=[auth.HEADER, "Authorization", HEADER],
+            expose_headers=[HEADER, "Server-Timing", "Retry-After"],
+        )
+    app.add_middleware(RequestContext, metrics=runtime.metrics)
     problems.install(app)
     app.include_router(routes.router)
-    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    if settings.metrics:
+        app.include_router(routes.metrics_router)
+    if settings.docs:
+        app.include_router(routes.docs_router)
+        app.mount("/static", StaticFiles(directory=STATIC), name="static")
     openapi.install(app)
     return app

@@ -25,6 +25,7 @@ from model.errors import (
 )
 
 MEDIA_TYPE = "application/problem+json"
+CLIENT_LEFT = 499  # as proxies log it
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,10 @@ MALFORMED = ProblemType(
 INVALID_PARAMETER = ProblemType(
     "invalid-parameter", 400, "Invalid parameter", "mode: Input should be 'full' or 'paper'."
 )
+UNAUTHORIZED = ProblemType(
+    "unauthorized", 401, "Unauthorized",
+    "The request needs a key, in the header X-API-Key or as Authorization: Bearer.",
+)  # fmt: skip
 NOT_FOUND = ProblemType("not-found", 404, "Not found", "There is nothing at this address; see /docs.")
 METHOD_NOT_ALLOWED = ProblemType(
     "method-not-allowed", 405, "Method not allowed", "This address does not answer GET; it answers POST."
@@ -132,6 +137,7 @@ def response(
     request: Request, problem: ProblemType, detail: str, headers: dict[str, str] | None = None, **more: Any
 ) -> Response:
     """The answer for ``problem``."""
+    request.scope["problem"] = problem.slug  # for the log and the metrics
     content = body(problem, detail, request_id(request), **more)
     return JSONResponse(content, problem.status, headers=headers, media_type=MEDIA_TYPE)
 
@@ -180,8 +186,9 @@ def _on_http_exception(request: Request, error: Exception) -> Response:
 
 
 def _on_disconnect(request: Request, error: Exception) -> Response:
-    # Nobody is left to read this; it only ends the request in an orderly way.
-    return response(request, MALFORMED, "The client closed the connection before the upload was complete.")
+    # Nobody is left to read this; it ends the request in an orderly way, and the log and the metrics show it.
+    request.scope["problem"] = "client-left"
+    return Response(status_code=CLIENT_LEFT)
 
 
 def install(app: FastAPI) -> None:

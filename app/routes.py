@@ -7,7 +7,9 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from app import __version__, openapi, schemas
+from app.auth import require_key
 from app.detect import answer
+from app.metrics import CONTENT_TYPE
 from app.runtime import Runtime
 
 _DOCS_PAGE = Path(__file__).parent / "static" / "docs.html"
@@ -17,6 +19,9 @@ _DOCS_HEADERS = {
 }
 
 router = APIRouter()
+metrics_router = APIRouter()
+docs_router = APIRouter()
+KEY = [Depends(require_key)]
 
 
 def _runtime(request: Request) -> Runtime:
@@ -26,7 +31,7 @@ def _runtime(request: Request) -> Runtime:
 RuntimeOf = Annotated[Runtime, Depends(_runtime)]
 
 
-@router.post("/detect", **openapi.DETECT)
+@router.post("/detect", dependencies=KEY, **openapi.DETECT)
 async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()], runtime: RuntimeOf) -> Response:
     """Find the mirror planes and rotation axes of one mesh, in the file's own coordinates."""
     response = await answer(request, runtime, query)
@@ -46,7 +51,7 @@ async def live() -> schemas.Health:
     return schemas.Health(status="alive")
 
 
-@router.get("/model", **openapi.MODEL)
+@router.get("/model", dependencies=KEY, **openapi.MODEL)
 async def model_card(runtime: RuntimeOf) -> schemas.ModelCard:
     """The model card of the served weights, and the limits of a request."""
     card, settings = runtime.card, runtime.settings
@@ -72,13 +77,19 @@ async def model_card(runtime: RuntimeOf) -> schemas.ModelCard:
     )
 
 
-@router.get("/", include_in_schema=False)
+@metrics_router.get("/metrics", dependencies=KEY, **openapi.METRICS)
+async def metrics(runtime: RuntimeOf) -> Response:
+    """Counters, gauges and histograms for Prometheus."""
+    return Response(runtime.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
+
+
+@docs_router.get("/", include_in_schema=False)
 async def home() -> Response:
     """The documentation stands in for a home page."""
     return RedirectResponse("docs")
 
 
-@router.get("/docs", include_in_schema=False)
+@docs_router.get("/docs", include_in_schema=False)
 async def docs() -> Response:
     """Swagger UI, from files of this package: nothing is fetched from elsewhere."""
     return FileResponse(_DOCS_PAGE, headers=_DOCS_HEADERS)

@@ -1,11 +1,13 @@
 """The life of one server process: start, serve, drain, stop."""
 
 import asyncio
+import hashlib
 import logging
 from collections.abc import Callable
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from app.metrics import Metrics
 from app.problems import NOT_READY, ProblemError
 from app.settings import Settings
 from app.workers.factory import Card, Launch, StartError, launcher
@@ -48,6 +50,11 @@ class Runtime:
         self.pool = WorkerPool(settings, launch or launcher(settings.weights))
         self.state = State.STARTING
         self.uploading = 0
+        keys = filter(None, (key.strip() for key in settings.api_keys.get_secret_value().split(",")))
+        self.key_digests = [hashlib.sha256(key.encode()).digest() for key in keys]
+        self.metrics = Metrics()
+        self.pool.on_restart = self.metrics.count_restart
+        self._watch()
         self.on_failure: Callable[[], None] = lambda: None
         self._starting: asyncio.Task[None] | None = None
 
@@ -65,7 +72,18 @@ class Runtime:
             return
         if self.state is State.STARTING:
             self.state = State.READY
+            self.metrics.set_model(card.name, card.version, card.sha256)
             logger.info("ready: %s %s", card.name, card.version)
+
+    def _watch(self) -> None:
+        watch, pool = self.metrics.watch, self.pool
+        watch("uploading", "Uploads being received.", lambda: self.uploading)
+        watch("jobs_admitted", "Requests that hold a place in the queue or a worker.", lambda: pool.admitted)
+        watch("jobs_running", "Jobs being worked on.", lambda: pool.running)
+        watch("queue_depth", "Requests that wait for a worker.", lambda: pool.admitted - pool.running)
+        watch("queue_capacity", "Requests that may wait for a worker.", lambda: self.settings.queue)
+        watch("workers_live", "Workers there are, the spare one included.", lambda: pool.live)
+        watch("ready", "1 when requests are welcome.", lambda: self.state is State.READY and pool.live > 0)
 
     def drain(self) -> None:
         """From now on ``GET /health`` says 503, to send traffic elsewhere; what comes is still served."""

@@ -8,7 +8,9 @@ from types import FrameType
 
 import uvicorn
 
+from app import logs
 from app.main import create_app
+from app.protocol import bounded
 from app.runtime import Runtime
 from app.settings import Settings
 
@@ -46,7 +48,7 @@ class DrainingServer(uvicorn.Server):
 
 def serve(settings: Settings) -> int:
     """Serve until a signal. The exit code is 0, or 1 when start-up failed."""
-    logging.basicConfig(level=settings.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    logs.configure(settings)
     app = create_app(settings)
     runtime: Runtime = app.state.runtime
     config = uvicorn.Config(
@@ -56,6 +58,8 @@ def serve(settings: Settings) -> int:
         log_config=None,
         access_log=False,  # the middleware logs one line a request, with its id
         server_header=False,
+        http=bounded(settings),
+        ws="none",
         timeout_keep_alive=settings.keep_alive_s,
         timeout_graceful_shutdown=math.ceil(settings.deadline_s) + 1,
         lifespan="on",

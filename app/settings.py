@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 _CGROUP_QUOTA = Path("/sys/fs/cgroup/cpu.max")
@@ -103,8 +103,17 @@ class Settings(BaseSettings):
         description="Seconds from SIGTERM to closing the port: /health says 503, requests are served.",
     )
     keep_alive_s: int = Field(default=15, ge=1, description="Seconds an idle connection is kept open.")
+    api_keys: SecretStr = Field(
+        default=SecretStr(""), description="Keys that clients must have one of, separated by commas (default: none)."
+    )
+    cors_origins: str = Field(
+        default="", description="Origins whose pages may call the service, separated by commas (default: none)."
+    )
+    docs: bool = Field(default=True, description="Whether there are /docs and /openapi.json.")
+    metrics: bool = Field(default=True, description="Whether there is /metrics.")
+    log_format: Literal["json", "text"] = Field(default="json", description="One JSON object a line, or plain text.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="Least level logged.")
 
     def summary(self) -> str:
-        """All settings on one line, ``name=value``, for the log at start-up (none is a secret)."""
+        """All settings on one line, ``name=value``, for the log at start-up (a secret as asterisks)."""
         return " ".join(f"{name}={value}" for name, value in self.model_dump().items())

@@ -64,7 +64,7 @@ class Spool:
 
     def _flush(self) -> None:
         if self._file is None:
-            self._file = tempfile.TemporaryFile(buffering=0, dir=self._directory, prefix="prsnet-")
+            self._file = tempfile.TemporaryFile(buffering=0, dir=self._directory, prefix="prsnet-")  # noqa: SIM115 - closed by `Upload`
         with memoryview(self._buffer) as view:
             at = 0
             while at < len(view):

@@ -98,8 +98,10 @@ class WorkerPool:
         if self.admitted >= self.capacity:
             raise ProblemError(OVERLOADED, OVERLOADED.example, {"Retry-After": "1"})
 
-    async def run(self, job: Job, data: bytes | int) -> DetectResponse:
+    async def run(self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None) -> DetectResponse:
         """The answer to a job about a file: its bytes, or a descriptor. When cancelled, the work ends at once.
+
+        ``on_turn`` is called when the waiting is over.
 
         Raises:
             model.errors.MeshError: the worker reports it.
@@ -107,6 +109,7 @@ class WorkerPool:
         """
         async with self._turn:
             self.running += 1
+            on_turn()
             try:
                 for _ in range(_TRIES):
                     worker = await self._take()

@@ -18,143 +18,35 @@ _ALLOW, _KILL, _EPERM = 0x7FFF0000, 0x80000000, 0x00050001
 _LOAD, _IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
 _OPEN_FILES = 16
 
-# Architecture of the audit interface; calls that are always allowed; `tgkill` and `prlimit64`, which are allowed on
-# the worker itself. In this order: read write readv writev pread64 close fstat lseek dup fcntl poll-like, memory,
-# signals, time and scheduling, identity, messages on a socket that is there, threads' bookkeeping, the end.
-_X86_64 = (
-    0xC000003E,
-    (
-        0,
-        1,
-        19,
-        20,
-        17,
-        3,
-        5,
-        8,
-        32,
-        72,
-        7,
-        23,
-        270,
-        271,
-        232,
-        9,
-        10,
-        11,
-        12,
-        25,
-        27,
-        28,
-        239,
-        13,
-        14,
-        15,
-        131,
-        219,
-        24,
-        35,
-        96,
-        98,
-        100,
-        201,
-        204,
-        228,
-        229,
-        230,
-        309,
-        143,
-        145,
-        39,
-        102,
-        107,
-        110,
-        186,
-        63,
-        99,
-        318,
-        44,
-        45,
-        46,
-        47,
-        202,
-        218,
-        273,
-        324,
-        334,
-        60,
-        231,
-    ),
-    (234, 302),
-)
-_ARM64 = (
-    0xC00000B7,
-    (
-        63,
-        64,
-        65,
-        66,
-        67,
-        57,
-        80,
-        62,
-        23,
-        25,
-        72,
-        73,
-        222,
-        226,
-        215,
-        214,
-        216,
-        232,
-        233,
-        236,
-        134,
-        135,
-        139,
-        132,
-        128,
-        124,
-        101,
-        169,
-        165,
-        153,
-        123,
-        113,
-        114,
-        115,
-        168,
-        120,
-        121,
-        172,
-        174,
-        175,
-        173,
-        178,
-        160,
-        179,
-        278,
-        206,
-        207,
-        211,
-        212,
-        98,
-        96,
-        99,
-        283,
-        293,
-        93,
-        94,
-    ),
-    (131, 261),
-)
-_TABLES = {"x86_64": _X86_64, "aarch64": _ARM64}
+# Calls that are always allowed, with their numbers on x86-64 and ARM64 (-: not there); then those on the worker itself.
+_ALWAYS = """
+read 0 63, write 1 64, readv 19 65, writev 20 66, pread64 17 67, close 3 57, fstat 5 80, lseek 8 62, dup 32 23,
+fcntl 72 25, poll 7 -, ppoll 271 73, select 23 -, pselect6 270 72, epoll_wait 232 -,
+mmap 9 222, mprotect 10 226, munmap 11 215, brk 12 214, mremap 25 216, mincore 27 232, madvise 28 233,
+get_mempolicy 239 236,
+rt_sigaction 13 134, rt_sigprocmask 14 135, rt_sigreturn 15 139, sigaltstack 131 132, restart_syscall 219 128,
+sched_yield 24 124, sched_getaffinity 204 123, sched_getparam 143 121, sched_getscheduler 145 120, getcpu 309 168,
+nanosleep 35 101, clock_nanosleep 230 115, clock_gettime 228 113, clock_getres 229 114, gettimeofday 96 169,
+time 201 -, times 100 153, getrusage 98 165,
+getpid 39 172, getppid 110 173, gettid 186 178, getuid 102 174, geteuid 107 175, uname 63 160, sysinfo 99 179,
+getrandom 318 278,
+sendto 44 206, recvfrom 45 207, sendmsg 46 211, recvmsg 47 212,
+futex 202 98, set_tid_address 218 96, set_robust_list 273 99, membarrier 324 283, rseq 334 293,
+exit 60 93, exit_group 231 94
+"""
+_ON_ITSELF = "tgkill 234 131, prlimit64 302 261"
+# Place in the tables, and name for the kernel's audit interface.
+_ARCHITECTURES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
+
+
+def _numbers(table: str, place: int) -> list[int]:
+    rows = [entry.split()[1:] for entry in table.split(",")]
+    return [int(row[place]) for row in rows if row[place] != "-"]
 
 
 def available() -> bool:
     """Whether system calls can be filtered here."""
-    return sys.platform == "linux" and platform.machine() in _TABLES and sys.maxsize > 2**32
+    return sys.platform == "linux" and platform.machine() in _ARCHITECTURES and sys.maxsize > 2**32
 
 
 def limit_resources(memory_bytes: int) -> None:
@@ -198,11 +90,11 @@ def filter_system_calls() -> None:
 
 def _program(pid: int) -> bytes:
     """The filter, in the kernel's classic packet-filter code over struct seccomp_data."""
-    arch, always, on_itself = _TABLES[platform.machine()]
+    place, arch = _ARCHITECTURES[platform.machine()]
     steps = [(_LOAD, 0, 0, 4), (_IF_EQUAL, 1, 0, arch), (_RETURN, 0, 0, _KILL), (_LOAD, 0, 0, 0)]
-    for number in always:
+    for number in _numbers(_ALWAYS, place):
         steps += [(_IF_EQUAL, 0, 1, number), (_RETURN, 0, 0, _ALLOW)]
-    for number in on_itself:
+    for number in _numbers(_ON_ITSELF, place):
         # Another call: go on behind this block. This one: its first argument must be 0 or the worker's own id.
         steps += [(_IF_EQUAL, 0, 5, number), (_LOAD, 0, 0, 16)]
         steps += [(_IF_EQUAL, 1, 0, 0), (_IF_EQUAL, 0, 1, pid), (_RETURN, 0, 0, _ALLOW), (_RETURN, 0, 0, _EPERM)]
