@@ -169,9 +169,9 @@ class Factory:
         worker = await future
         try:
             async with asyncio.timeout(_WORKER_START_S):
-                kind, _ = await wire.receive(ours)
+                kind, payload = await wire.receive(ours)
             if kind != wire.READY:
-                raise wire.WireError("a worker that is not ready")
+                raise wire.WireError(f"a worker that is not ready:\n{payload.decode(errors='replace')}")
         except BaseException:
             worker.kill()
             raise

@@ -76,7 +76,7 @@ class WorkerPool:
             for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + _SPARE)]):
                 self._welcome(worker)
         except (*_LOST, TimeoutError, wire.WireError) as error:
-            raise StartError("no worker starts; see the messages before this one", expected=False) from error
+            raise StartError(f"no worker starts: {error!r}", expected=False) from error
         return self.card
 
     def admit(self) -> "Place":

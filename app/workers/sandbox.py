@@ -16,7 +16,7 @@ _PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS = 22, 38
 _MODE_FILTER = 2
 _ALLOW, _KILL, _EPERM = 0x7FFF0000, 0x80000000, 0x00050001
 _LOAD, _IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
-_OPEN_FILES = 16
+_MORE_FILES = 2
 
 # Calls that are always allowed, with their numbers on x86-64 and ARM64 (-: not there); then those on the worker itself.
 _ALWAYS = """
@@ -53,7 +53,9 @@ def limit_resources(memory_bytes: int) -> None:
     """From now on: so much address space beyond what is in use, few descriptors, no writing to files, no core dump."""
     with contextlib.suppress(OSError, ValueError):  # another system may not know a limit
         _set(resource.RLIMIT_AS, _address_space() + memory_bytes)
-    _set(resource.RLIMIT_NOFILE, _OPEN_FILES)
+    with contextlib.suppress(OSError):
+        # The limit is on a descriptor's number. What is open stays open, and a job brings one more.
+        _set(resource.RLIMIT_NOFILE, max(map(int, os.listdir("/proc/self/fd"))) + _MORE_FILES)
     _set(resource.RLIMIT_FSIZE, 0)
     _set(resource.RLIMIT_CORE, 0)
 

@@ -1,10 +1,11 @@
-"""What a worker does: warm up, put up the walls, then one job after the other until the server hangs up."""
+"""What a worker does: put up the walls, warm up, then one job after the other until the server hangs up."""
 
+import contextlib
 import json
 import os
 import socket
-import sys
 import traceback
+from typing import NoReturn
 
 from app.detection import MeshLimits, Options, SymmetryDetector, parse_and_detect
 from app.schemas import to_json
@@ -13,9 +14,32 @@ from app.workers import sandbox, wire
 from model.errors import MeshError
 
 _LONGEST_TRACE = 8000
+_NO_MEMORY = wire.frame(wire.NO_MEMORY)  # made while there is memory for it
 
 
-def run(connection: socket.socket, detector: SymmetryDetector, walls: wire.Walls) -> None:
+def live(connection: socket.socket, detector: SymmetryDetector, walls: wire.Walls) -> NoReturn:
+    """Serve jobs until the server has gone or something went wrong, which the server is told; then end the process."""
+    code = 1
+    try:
+        _mute()
+        _run(connection, detector, walls)
+        code = 0
+    except BaseException:
+        with contextlib.suppress(BaseException):
+            connection.sendall(wire.json_frame(wire.DEFECT, traceback.format_exc()[-_LONGEST_TRACE:]))
+    finally:
+        os._exit(code)  # without the exit handlers of the process it was forked from
+
+
+def _mute() -> None:
+    """What libraries print may quote a file; what the server should know is sent to it."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+
+
+def _run(connection: socket.socket, detector: SymmetryDetector, walls: wire.Walls) -> None:
     """Serve jobs; returns when the server has gone, or when memory ran out and the process should not go on."""
     os.nice(walls.nice)
     sandbox.be_killed_first()
@@ -43,18 +67,15 @@ def _serve_one(connection: socket.socket, detector: SymmetryDetector) -> bool:
         finally:
             for descriptor in received[2]:
                 os.close(descriptor)
+        sandbox.limit_cpu(job.cpu_s)
+        connection.sendall(_answer(connection, detector, job, data))
     except (EOFError, ConnectionError):
         return False
-    sandbox.limit_cpu(job.cpu_s)
-    try:
-        answer = _answer(connection, detector, job, data)
     except MemoryError:
-        answer = wire.frame(wire.NO_MEMORY)
-    try:
-        connection.sendall(answer)
-    except ConnectionError:
+        with contextlib.suppress(ConnectionError):
+            connection.sendall(_NO_MEMORY)
         return False
-    return answer[:1] != wire.NO_MEMORY
+    return True
 
 
 def _answer(connection: socket.socket, detector: SymmetryDetector, job: wire.Job, data: bytes) -> bytes:
@@ -75,10 +96,3 @@ def _answer(connection: socket.socket, detector: SymmetryDetector, job: wire.Job
         if "can't allocate memory" in str(error):  # torch's way to say MemoryError
             raise MemoryError from error
         return wire.json_frame(wire.DEFECT, traceback.format_exc()[-_LONGEST_TRACE:])
-
-
-def die(message: str) -> None:
-    """End the process at once, as a forked one must: without the exit handlers of the one it came from."""
-    if message:
-        print(message, file=sys.stderr, flush=True)
-    os._exit(1 if message else 0)

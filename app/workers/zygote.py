@@ -19,13 +19,12 @@ import sys
 import traceback
 from collections.abc import Callable
 from types import FrameType
-from typing import NoReturn
 
 from app.detection import SymmetryDetector
 from app.warmup import warm_up
 from app.workers import wire
 from app.workers.wire import Walls
-from app.workers.worker import die, run
+from app.workers.worker import live
 from model.errors import CheckpointError
 from model.formats import SUPPORTED_FORMATS
 
@@ -96,7 +95,7 @@ def _fork_on_request(control: socket.socket, detector: SymmetryDetector, walls: 
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 for other in (control, wake, woken):
                     other.close()
-                _become_worker(connection, detector, walls)
+                live(connection, detector, walls)
             children.add(pid)
             connection.close()
             control.sendall(wire.json_frame(wire.FORKED, pid))
@@ -116,17 +115,6 @@ def _ended(children: set[int]) -> list[tuple[int, int]]:
         children.discard(pid)
         found.append((pid, os.waitstatus_to_exitcode(status)))
     return found
-
-
-def _become_worker(connection: socket.socket, detector: SymmetryDetector, walls: Walls) -> NoReturn:
-    message = ""
-    try:
-        run(connection, detector, walls)
-    except BaseException:
-        message = "worker ended by a defect:\n" + traceback.format_exc()
-    finally:
-        die(message)
-    raise AssertionError  # never reached; `die` ends the process
 
 
 def main() -> None:
