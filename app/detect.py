@@ -13,7 +13,7 @@ from app.middleware import stages
 from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, WORKER_LOST, ProblemError
 from app.runtime import Runtime
 from app.uploads import read_upload
-from app.workers.pool import OutOfMemoryError, TookTooLongError, WorkerLostError
+from app.workers.errors import OutOfMemoryError, TookTooLongError, WorkerLostError
 from app.workers.wire import Job
 
 T = TypeVar("T")

@@ -11,6 +11,7 @@ from app.problems import OVERLOADED, ProblemError
 from app.schemas import DetectResponse
 from app.settings import Settings
 from app.workers import verify, wire
+from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
 from app.workers.factory import Card, Factory, Launch, StartError, Worker
 from app.workers.wire import Job, Walls
 
@@ -19,22 +20,6 @@ _SPARE = 1
 _TRIES = 2
 _REPORT_S = 0.5  # how long to wait for word on how a worker ended
 _LOST = (EOFError, OSError)
-
-
-class WorkerLostError(Exception):
-    """The worker died on the job, and so did the next one."""
-
-
-class TookTooLongError(Exception):
-    """A stage of the job took longer than it may; the message names it."""
-
-
-class OutOfMemoryError(Exception):
-    """The job needs more memory than a worker may have."""
-
-
-class DefectError(Exception):
-    """The worker met an exception that nothing expects, or cannot be trusted; the message is for the log alone."""
 
 
 class WorkerPool:

@@ -22,6 +22,7 @@ _RELATIONS = "_rels/.rels"
 _DEFAULT_MODEL = "3D/3dmodel.model"
 _DEEPEST = 100  # elements within elements; the format needs ten
 _CHUNK = 1 << 18
+_LONGEST_ELEMENT = 1 << 22
 _UNITS = ("micron", "millimeter", "centimeter", "inch", "foot", "meter")
 
 _Key: TypeAlias = tuple[str, str]  # part of the archive, object id
@@ -119,7 +120,7 @@ class _Package:
         if info.file_size > self._budget:
             raise self._too_large()
         parser = expat.ParserCreate(namespace_separator=" ")
-        depth = 0
+        depth, fed = 0, 0
 
         def opened(name: str, attributes: dict[str, str]) -> None:
             nonlocal depth
@@ -142,7 +143,11 @@ class _Package:
                 self._budget -= len(chunk)
                 if self._budget < 0:
                     raise self._too_large()
+                fed += len(chunk)
                 parser.Parse(chunk, False)
+                # The parser reads an unfinished element again with every chunk: a long one would cost its square.
+                if fed - parser.CurrentByteIndex > _LONGEST_ELEMENT:
+                    raise UnreadableMeshError("The 3MF file has an element that is too long.")
             parser.Parse(b"", True)
 
 

@@ -27,10 +27,10 @@ FILES = {kind: export(sample(), kind) for kind in KINDS}
 # Words that mean something to one of the readers, and numbers at the edges of their types.
 WORDS = [
     b"ply\n", b"format ascii 1.0\n", b"format binary_big_endian 1.0\n", b"element vertex 3\n", b"element face 2\n",
-    b"property float x\n", b"property list uchar int vertex_indices\n", b"end_header\n", b"OFF\n", b"STOFF ", b"solid a\n",
-    b"facet ", b"vertex ", b"v ", b"f ", b"\\\n", b"#", b"//", b"glTF", b"JSON", b"BIN\0", b'{"asset":{"version":"2.0"}}',
-    b"PK\x03\x04", b"<model>", b"nan ", b"inf ", b"-1 ", b"0 ", b"4294967295 ", b"9223372036854775808 ", b"1e999 ",
-    b"\xff\xff\xff\xff", b"\0\0\0\x80", b"\n", b" ",
+    b"property float x\n", b"property list uchar int vertex_indices\n", b"end_header\n", b"OFF\n", b"STOFF ",
+    b"solid a\n", b"facet ", b"vertex ", b"v ", b"f ", b"\\\n", b"#", b"//", b"glTF", b"JSON", b"BIN\0",
+    b'{"asset":{"version":"2.0"}}', b"PK\x03\x04", b"<model>", b"nan ", b"inf ", b"-1 ", b"0 ", b"4294967295 ",
+    b"9223372036854775808 ", b"1e999 ", b"\xff\xff\xff\xff", b"\0\0\0\x80", b"\n", b" ",
 ]  # fmt: skip
 
 
