@@ -9,7 +9,7 @@ from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 from fastapi.staticfiles import StaticFiles
 
-from app import __version__, auth, openapi, problems, routes
+from app import __version__, auth, openapi, problems, routes, tracing
 from app.middleware import HEADER, RequestContext
 from app.runtime import Runtime
 from app.settings import Settings
@@ -26,6 +26,7 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
     """
     settings = settings or Settings()
     runtime = Runtime(settings, launch)
+    trace, end_traces = tracing.tracer() if settings.otel else (None, lambda: None)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None, None]:
@@ -35,6 +36,7 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
             yield
         finally:
             await runtime.stop()
+            end_traces()
 
     app = FastAPI(
         title=openapi.TITLE,
@@ -55,7 +57,7 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
             allow_headers=[auth.HEADER, "Authorization", HEADER],
             expose_headers=[HEADER, "Server-Timing", "Retry-After"],
         )
-    app.add_middleware(RequestContext, metrics=runtime.metrics)
+    app.add_middleware(RequestContext, metrics=runtime.metrics, trace=trace)
     problems.install(app)
     app.include_router(routes.router)
     if settings.metrics:

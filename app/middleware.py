@@ -13,6 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import problems
 from app.metrics import Metrics
+from app.tracing import Trace
 
 HEADER = "X-Request-ID"
 # Short and plain enough to be put into logs and headers as it is.
@@ -41,8 +42,9 @@ class RequestContext:
     ``internal-error``; the client sees the id, never the exception.
     """
 
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+    def __init__(self, app: ASGIApp, metrics: Metrics, trace: Trace | None = None) -> None:
         self.app = app
+        self._trace = trace
         self._metrics = metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -87,6 +89,8 @@ class RequestContext:
         reason = scope.get("problem", "")
         self._metrics.observe_request(path, method, status, seconds, reason)
         self._metrics.observe_stages(spent)
+        if self._trace is not None:
+            self._trace(scope, status, seconds)
         fields = {
             "request_id": scope["request_id"],
             "method": method,

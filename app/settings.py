@@ -111,6 +111,7 @@ class Settings(BaseSettings):
     )
     docs: bool = Field(default=True, description="Whether there are /docs and /openapi.json.")
     metrics: bool = Field(default=True, description="Whether there is /metrics.")
+    otel: bool = Field(default=False, description="Whether to send traces by OTLP (needs the extra `otel`).")
     log_format: Literal["json", "text"] = Field(default="json", description="One JSON object a line, or plain text.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="Least level logged.")
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from app import tracing
 from app.logs import JsonFormatter
 from app.settings import Settings
 
@@ -124,6 +125,20 @@ async def test_keys(serving: Serving, detector: FakeDetector, chair: bytes, asse
             assert (await client.post("/detect", files=files, headers=headers)).status_code == 200
         assert "first-key" not in runtime.settings.summary() + repr(runtime.settings)
         assert len(detector.calls) == 2
+
+
+async def test_traces(serving: Serving, detector: FakeDetector, chair: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = pytest.importorskip("opentelemetry.sdk.trace.export.in_memory_span_exporter").InMemorySpanExporter()
+    original = tracing.tracer
+    monkeypatch.setattr(tracing, "tracer", lambda: original(memory))
+    parent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01"
+    async with serving(detector, otel=True) as (client, _):
+        await client.post("/detect", files={"file": ("chair.obj", chair)}, headers={"traceparent": parent})
+    (span,) = memory.get_finished_spans()
+    assert span.name == "POST /detect"
+    assert f"{span.context.trace_id:032x}" == parent.split("-")[1]
+    assert span.attributes["http.response.status_code"] == 200
+    assert span.attributes["prsnet.infer_ms"] == 0.2
 
 
 def test_keys_come_from_the_environment_and_stay_out_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
