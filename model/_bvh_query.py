@@ -113,6 +113,59 @@ def _box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squ
         squared[child] = dx * dx + dy * dy + dz * dz
 
 
+@jit
+def nearest(
+    x: float,
+    y: float,
+    z: float,
+    seed: int,
+    bound: float,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    waiting: IntArray,
+    waiting_squared: FloatArray,
+    child_squared: FloatArray,
+    leaf_squared: FloatArray,
+) -> tuple[float, int]:
+    """Squared distance of a point and the leaf lane it was found in; the bound and -1 if nothing is closer (squared).
+
+    The search begins in the leaf `seed`: if it is near, it prunes the tree at once. The last four arrays are scratch
+    of length `STACK`, `STACK`, `FANOUT` and `LANES`.
+    """
+    best, found = bound, -1
+    _leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
+    for lane in range(LANES):
+        if leaf_squared[lane] < best:
+            best, found = leaf_squared[lane], seed * LANES + lane
+    waiting[0], waiting_squared[0] = 0, 0.0
+    top = 1
+    while top > 0:
+        top -= 1
+        if waiting_squared[top] >= best:
+            continue
+        node = waiting[top]
+        if node < 0:
+            if ~node != seed:
+                _leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
+                for lane in range(LANES):
+                    if leaf_squared[lane] < best:
+                        best, found = leaf_squared[lane], ~node * LANES + lane
+            continue
+        _box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
+        bottom = top
+        for child in range(FANOUT):
+            value = child_squared[child]
+            if value < best:  # kept sorted, the nearest on top
+                place = top
+                while place > bottom and waiting_squared[place - 1] < value:
+                    waiting_squared[place], waiting[place] = waiting_squared[place - 1], waiting[place - 1]
+                    place -= 1
+                waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
+                top += 1
+    return best, found
+
+
 @jit_allocating
 def search(
     points: FloatArray,
@@ -122,8 +175,6 @@ def search(
     frames: FloatArray,
     bound: float,
     stop_above: float,
-    child_squared: FloatArray,
-    leaf_squared: FloatArray,
     squared: FloatArray,
     lanes_found: AnyArray,
 ) -> float:
@@ -135,46 +186,31 @@ def search(
     Returns:
         The sum of the squared distances so far.
     """
-    waiting = np.empty(STACK, dtype=np.int32)
-    waiting_squared = np.empty(STACK)
+    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
+    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
     total = 0.0
-    recent = 0  # the leaf nearest to the previous point: likely near this one too, which prunes the tree at once
+    recent = 0  # the leaf nearest to the previous point: likely near this one too
     for step in range(order.shape[0]):
         point = order[step]
         x, y, z = points[point, 0], points[point, 1], points[point, 2]
-        best, found = bound, -1
-        seed = recent
-        _leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
-        for lane in range(LANES):
-            if leaf_squared[lane] < best:
-                best, found = leaf_squared[lane], seed * LANES + lane
-        waiting[0], waiting_squared[0] = 0, 0.0
-        top = 1
-        while top > 0:
-            top -= 1
-            if waiting_squared[top] >= best:
-                continue
-            node = waiting[top]
-            if node < 0:
-                if ~node != seed:
-                    _leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
-                    for lane in range(LANES):
-                        if leaf_squared[lane] < best:
-                            best, found = leaf_squared[lane], ~node * LANES + lane
-                            recent = ~node
-                continue
-            _box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
-            bottom = top
-            for child in range(FANOUT):
-                value = child_squared[child]
-                if value < best:  # kept sorted, the nearest on top
-                    place = top
-                    while place > bottom and waiting_squared[place - 1] < value:
-                        waiting_squared[place], waiting[place] = waiting_squared[place - 1], waiting[place - 1]
-                        place -= 1
-                    waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
-                    top += 1
-        best = best if found >= 0 else np.inf
+        best, found = nearest(
+            x,
+            y,
+            z,
+            recent,
+            bound,
+            boxes,
+            children,
+            frames,
+            waiting,
+            waiting_squared,
+            child_squared,
+            leaf_squared,
+        )
+        if found >= 0:
+            recent = found // LANES
+        else:
+            best = np.inf
         squared[point] = best
         lanes_found[point] = found
         total += best
@@ -184,35 +220,50 @@ def search(
 
 
 @jit
+def closest_on(x: float, y: float, z: float, lane: int, frames: FloatArray) -> tuple[float, float, float]:
+    """The point of the triangle in a leaf lane that is closest to a point."""
+    at = lane // LANES * ROWS * LANES + lane % LANES
+    base, cx, cy = frames[at + 9 * LANES], frames[at + 10 * LANES], frames[at + 11 * LANES]
+    px, py, pz = x - frames[at], y - frames[at + LANES], z - frames[at + 2 * LANES]
+    u = px * frames[at + 3 * LANES] + py * frames[at + 4 * LANES] + pz * frames[at + 5 * LANES]
+    v = px * frames[at + 6 * LANES] + py * frames[at + 7 * LANES] + pz * frames[at + 8 * LANES]
+    ru, rx = u - base, cx - base
+    if v < 0.0:
+        u, v = min(max(u, 0.0), base), 0.0
+    elif cy <= 0.0 or min(u * cy - v * cx, v * rx - ru * cy) < 0.0:
+        s = min(max((u * cx + v * cy) * frames[at + 12 * LANES], 0.0), 1.0)
+        t = min(max((ru * rx + v * cy) * frames[at + 13 * LANES], 0.0), 1.0)
+        left = (u - s * cx) ** 2 + (v - s * cy) ** 2
+        right = (ru - t * rx) ** 2 + (v - t * cy) ** 2
+        if left <= right:
+            u, v = s * cx, s * cy
+        else:
+            u, v = base + t * rx, t * cy
+    return (
+        frames[at] + u * frames[at + 3 * LANES] + v * frames[at + 6 * LANES],
+        frames[at + LANES] + u * frames[at + 4 * LANES] + v * frames[at + 7 * LANES],
+        frames[at + 2 * LANES] + u * frames[at + 5 * LANES] + v * frames[at + 8 * LANES],
+    )
+
+
+@jit
+def normal_of(lane: int, frames: FloatArray) -> tuple[float, float, float]:
+    """The unit normal of the triangle in a leaf lane, either way."""
+    at = lane // LANES * ROWS * LANES + lane % LANES
+    bx, by, bz = frames[at + 3 * LANES], frames[at + 4 * LANES], frames[at + 5 * LANES]
+    hx, hy, hz = frames[at + 6 * LANES], frames[at + 7 * LANES], frames[at + 8 * LANES]
+    return by * hz - bz * hy, bz * hx - bx * hz, bx * hy - by * hx
+
+
+@jit
 def closest_points(points: FloatArray, lanes_found: AnyArray, frames: FloatArray, result: FloatArray) -> None:
     """The point of the triangle in the given lane that is closest to each point; NaN for lane -1."""
     for point in range(points.shape[0]):
         if lanes_found[point] < 0:
             result[point] = np.nan
             continue
-        at = lanes_found[point] // LANES * ROWS * LANES + lanes_found[point] % LANES
-        base, cx, cy = frames[at + 9 * LANES], frames[at + 10 * LANES], frames[at + 11 * LANES]
-        u, v = 0.0, 0.0
-        for axis in range(3):
-            difference = points[point, axis] - frames[at + axis * LANES]
-            u += difference * frames[at + (3 + axis) * LANES]
-            v += difference * frames[at + (6 + axis) * LANES]
-        ru, rx = u - base, cx - base
-        if v < 0.0:
-            u, v = min(max(u, 0.0), base), 0.0
-        elif cy <= 0.0 or min(u * cy - v * cx, v * rx - ru * cy) < 0.0:
-            s = min(max((u * cx + v * cy) * frames[at + 12 * LANES], 0.0), 1.0)
-            t = min(max((ru * rx + v * cy) * frames[at + 13 * LANES], 0.0), 1.0)
-            left = (u - s * cx) ** 2 + (v - s * cy) ** 2
-            right = (ru - t * rx) ** 2 + (v - t * cy) ** 2
-            if left <= right:
-                u, v = s * cx, s * cy
-            else:
-                u, v = base + t * rx, t * cy
-        for axis in range(3):
-            result[point, axis] = (
-                frames[at + axis * LANES] + u * frames[at + (3 + axis) * LANES] + v * frames[at + (6 + axis) * LANES]
-            )
+        x, y, z = points[point, 0], points[point, 1], points[point, 2]
+        result[point, 0], result[point, 1], result[point, 2] = closest_on(x, y, z, lanes_found[point], frames)
 
 
 @jit_allocating

@@ -6,9 +6,9 @@ from typing import Any, Literal
 import numpy as np
 
 from model.mesh import Mesh
+from model.symmetries import Reason
 from model.transforms import reflection_homogeneous, rotation_homogeneous
 from model.types import FloatArray
-from model.validation import Reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +57,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rejected:
-    """A candidate that validation turned down, in the input frame, and why.
-
-    ``not_symmetric``: its error exceeds the threshold. ``duplicate``: closer than pi/6 to a better one.
-    ``not_continuous``: the predicted rotation holds, but not every 1 degree about the axis does.
-    """
+    """A candidate that was turned down, in the input frame; for the reasons see `model.symmetries.TurnedDown`."""
 
     kind: Literal["plane", "axis"]
     symmetry_error: float
@@ -90,7 +86,8 @@ class Detection:
         """The symmetries as an entry of a BOP `models_info.json`.
 
         BOP knows proper rotations only: discrete ones as flat row-major 4 x 4 matrices (the identity left
-        out), continuous ones as axis and a point on it. Reflections have no place there.
+        out), continuous ones as axis and a point on it. Reflections have no place there. A surface of revolution that
+        has a plane across its axis can also be turned over: one half turn stands for all of them.
         """
         discrete = [
             rotation_homogeneous(axis.direction, axis.point, 2.0 * np.pi * k / axis.order).ravel().tolist()
@@ -98,7 +95,19 @@ class Detection:
             if axis.order is not None
             for k in range(1, axis.order)
         ]
+        if self.point_group == "Dinfh":
+            across, centre = self._over()
+            discrete.append(rotation_homogeneous(across, centre, np.pi).ravel().tolist())
         continuous = [
             {"axis": axis.direction.tolist(), "offset": axis.point.tolist()} for axis in self.axes if axis.continuous
         ]
         return {"symmetries_discrete": discrete, "symmetries_continuous": continuous}
+
+    def _over(self) -> tuple[FloatArray, FloatArray]:
+        """Direction and point of an axis that turns a surface of revolution of group Dinfh over."""
+        along = next(axis for axis in self.axes if axis.continuous)
+        across = [plane for plane in self.planes if plane.continuous]
+        mirror = next((plane for plane in self.planes if abs(plane.normal @ along.direction) > 0.9), None)
+        centre = along.point if mirror is None else mirror.point
+        side = across[0].normal if across else np.cross(along.direction, np.roll(along.direction, 1))
+        return side / np.linalg.norm(side), centre

@@ -16,24 +16,38 @@ import numpy as np
 import torch
 
 from model.checkpoint import Checkpoint, load_checkpoint
-from model.detection import Axis, Detection, Plane, Rejected
-from model.frames import UnitFrame
+from model.detection import Detection
+from model.frames import UnitFrame, inertia_frame
+from model.full import Shape, Sources, find_symmetries
+from model.judgement import MORE_SAMPLES, SAMPLES, Judge
 from model.mesh import Mesh, MeshLike, as_mesh
-from model.point_group import TOLERANCE, point_group
-from model.proposals import Proposals, fed_voxels, input_rotation, next_rotation, predict
+from model.paper import validated
+from model.proposals import (
+    Proposals,
+    as_input,
+    input_rotation,
+    next_rotation,
+    predict,
+    predict_each,
+    turned_voxels,
+)
+from model.report import to_input
 from model.sampling import sample_surface
+from model.scan import DistanceGrid
 from model.surface import SurfaceIndex
-from model.transforms import canonical_sign
+from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
-from model.validation import MAX_ERROR, Judged, validate_axes, validate_planes
+from model.validation import MAX_ERROR
 
-SAMPLES = 1000
-"""Surface samples an element is judged on (the paper's N)."""
+REFINE_SAMPLES = 240
+"""Surface samples that elements are refined on in full mode; they are judged on others."""
 
-EXACT_ERROR = 1e-6
-"""An SDE below this is symmetry up to modelling precision: 0.1 % of the bounding sphere's diameter RMS."""
+FULL_FRAMES = 1
+"""Sign choices of the input frame that full mode looks at, in one batch: more find nothing that refinement
+and the other sources do not (docs/accuracy.md)."""
 
-FULL_IS_PAPER = "mode=full returns the paper's result in this version: nothing is refined and no group is completed."
+
+ALL_SOURCES = Sources()
 
 
 class Detector:
@@ -65,15 +79,21 @@ class Detector:
         _ = mesh.bounds, mesh.area, mesh.watertight
 
     def detect(
-        self, mesh: MeshLike, *, mode: Literal["full", "paper"] = "full", max_error: float = MAX_ERROR
+        self,
+        mesh: MeshLike,
+        *,
+        mode: Literal["full", "paper"] = "full",
+        max_error: float = MAX_ERROR,
+        sources: Sources = ALL_SOURCES,
     ) -> Detection:
         """Find the symmetries of a mesh.
 
         Args:
             mesh: a `Mesh`, a trimesh object, ``(vertices, faces)``, or the path of a file.
-            mode: ``paper`` is the network's output and the paper's validation (section 5); ``full`` is the same until
-                refinement and group completion are built, and says so in ``warnings``.
+            mode: ``full`` finds every symmetry, refined on the exact distance and completed to a group; ``paper`` is
+                the network's output and the paper's validation (section 5).
             max_error: largest accepted symmetry error (SDE, unit frame).
+            sources: where full mode takes its starts from, for ablations.
 
         Returns:
             planes and axes in the mesh's own coordinates, and what was rejected.
@@ -86,31 +106,50 @@ class Detector:
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
         timings: dict[str, float] = {}
-        proposals = self.propose(vertices, mesh.faces, timings)
-        mark = time.perf_counter()
-        surface = SurfaceIndex(vertices, mesh.faces)
-        samples, _ = sample_surface(vertices, mesh.faces, SAMPLES, seed=0)
-        planes = validate_planes(proposals.planes, surface, samples, max_error)
-        axes = validate_axes(proposals.directions, proposals.angles, surface, samples, max_error)
-        timings["refine"] = 0.0
-        timings["validate"] = _since(mark)
-        accepted_axes = [judged for judged in axes if judged.reason is None]
-        directions = _rows([judged.vector for judged in accepted_axes])
-        accepted_planes = [judged for judged in planes if judged.reason is None]
-        rejected = [judged for judged in planes + axes if judged.reason is not None]
-        result = Detection(
-            planes=[_plane(judged, frame, directions) for judged in accepted_planes],
-            axes=[_axis(judged, frame) for judged in accepted_axes],
-            point_group=point_group(_rows([judged.vector[:3] for judged in accepted_planes]), directions),
-            center=frame.center,
-            scale=frame.scale,
-            mesh=mesh,
-            timings_ms=timings,
-            warnings=[FULL_IS_PAPER] if mode == "full" else [],
-            rejected=[_rejected(judged, frame) for judged in sorted(rejected, key=lambda item: item.error)],
-        )
+        if mode == "paper":
+            found = self._paper(vertices, mesh.faces, max_error, timings)
+        else:
+            found = self._full(vertices, mesh.faces, max_error, sources, timings)
+        result = to_input(found, frame, mesh, timings)
         timings["total"] = _since(started)
         return result
+
+    def _paper(self, vertices: FloatArray, faces: IntArray, max_error: float, timings: dict[str, float]) -> Symmetries:
+        proposals = self.propose(vertices, faces, timings)
+        mark = time.perf_counter()
+        surface = SurfaceIndex(vertices, faces)
+        samples, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
+        found = validated(proposals, surface, samples, max_error)
+        timings["refine"] = 0.0
+        timings["validate"] = _since(mark)
+        return found
+
+    def _full(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        max_error: float,
+        sources: Sources,
+        timings: dict[str, float],
+    ) -> Symmetries:
+        mark = time.perf_counter()
+        principal, _ = inertia_frame(vertices, faces)
+        turn = principal if self._checkpoint.input.frame == "inertia" else np.eye(3)
+        occupied = turned_voxels(self._checkpoint, vertices, faces, turn)
+        timings["voxelize"] = _since(mark)
+        mark = time.perf_counter()
+        proposals = predict_each(self._checkpoint, as_input(occupied), turn, FULL_FRAMES) if sources.network else None
+        timings["infer"] = _since(mark)
+        mark = time.perf_counter()
+        surface = SurfaceIndex(vertices, faces)
+        refining, _ = sample_surface(vertices, faces, REFINE_SAMPLES, seed=1)
+        judging, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
+        judge = Judge(surface, judging, max_error, lambda: sample_surface(vertices, faces, MORE_SAMPLES, seed=2)[0])
+        shape = Shape(surface, refining, judge, DistanceGrid(occupied), turn, principal)
+        found = find_symmetries(shape, proposals, sources)
+        timings["validate"] = found.judging_ms
+        timings["refine"] = _since(mark) - found.judging_ms
+        return found
 
     def propose(self, vertices: FloatArray, faces: IntArray, timings: dict[str, float] | None = None) -> Proposals:
         """The network's raw planes and rotations for a shape in the unit frame, before any validation.
@@ -124,7 +163,7 @@ class Detector:
         mark = time.perf_counter()
         rotation = input_rotation(self._checkpoint, vertices, faces)
         for step in range(self._checkpoint.input.passes):
-            voxels = fed_voxels(self._checkpoint, vertices, faces, rotation)
+            voxels = as_input(turned_voxels(self._checkpoint, vertices, faces, rotation))
             spent["voxelize"] += _since(mark)
             mark = time.perf_counter()
             proposals = predict(self._checkpoint, voxels, rotation)
@@ -144,45 +183,3 @@ def use_one_thread() -> None:
 
 def _since(mark: float) -> float:
     return (time.perf_counter() - mark) * 1e3
-
-
-def _rows(vectors: list[FloatArray]) -> FloatArray:
-    return np.stack(vectors) if vectors else np.zeros((0, 3))
-
-
-def _signed(vector: FloatArray) -> FloatArray:
-    return vector * canonical_sign(vector) + 0.0  # no negative zeros
-
-
-def _plane(judged: Judged, frame: UnitFrame, axes: FloatArray) -> Plane:
-    plane = _signed(frame.plane_to_input(judged.vector))
-    normal, offset = plane[:3], float(plane[3])
-    return Plane(
-        normal=normal,
-        offset=offset,
-        point=frame.center - (normal @ frame.center + offset) * normal,
-        symmetry_error=judged.error,
-        rms_distance=frame.scale * judged.error**0.5,
-        exact=judged.error < EXACT_ERROR,
-        continuous=bool((np.abs(axes @ normal) < np.sin(TOLERANCE)).any()),
-    )
-
-
-def _axis(judged: Judged, frame: UnitFrame) -> Axis:
-    return Axis(
-        direction=_signed(judged.vector),
-        point=frame.center,
-        order=None,
-        continuous=True,
-        symmetry_error=judged.error,
-        rms_distance=frame.scale * judged.error**0.5,
-        exact=judged.error < EXACT_ERROR,
-    )
-
-
-def _rejected(judged: Judged, frame: UnitFrame) -> Rejected:
-    assert judged.reason is not None
-    if len(judged.vector) == 4:
-        plane = _signed(frame.plane_to_input(judged.vector))
-        return Rejected("plane", judged.error, judged.reason, normal=plane[:3], offset=float(plane[3]))
-    return Rejected("axis", judged.error, judged.reason, direction=_signed(judged.vector), point=frame.center)

@@ -6,7 +6,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 
-from model.sparse_block import convolve_and_pool
+from model.sparse_block import convolve, convolve_and_pool
 
 LEAKY_SLOPE = 0.2
 PLANE_SHARE = 4
@@ -105,8 +105,10 @@ class PRSNet(nn.Module):
         if voxels.device.type != "cpu":
             return self.features(voxels)
         first = cast(nn.Conv3d, self.features[0])
-        pooled = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias))
-        return self.features[2:](pooled)
+        features = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias))
+        for layer in list(self.features)[2:]:
+            features = convolve(features, layer) if isinstance(layer, nn.Conv3d) else cast(Tensor, layer(features))
+        return features
 
 
 def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:

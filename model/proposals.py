@@ -11,7 +11,7 @@ from model.checkpoint import Checkpoint
 from model.frames import inertia_frame
 from model.network import axis_angle
 from model.transforms import sign_free_mean
-from model.types import FloatArray, IntArray
+from model.types import BoolArray, FloatArray, IntArray
 from model.voxels import voxelize
 
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
@@ -37,29 +37,49 @@ def input_rotation(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray
     return inertia_frame(vertices, faces)[0]
 
 
-def fed_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> Tensor:
-    """The turned shape as network input ``(1, 1, R, R, R)``."""
+def turned_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> BoolArray:
+    """The turned shape as the network is to see it: ``(R, R, R)``."""
     turned = np.ascontiguousarray(vertices @ rotation.T)
-    occupied = voxelize(turned, faces, checkpoint.network.architecture.resolution)
+    return voxelize(turned, faces, checkpoint.network.architecture.resolution)
+
+
+def as_input(occupied: BoolArray) -> Tensor:
+    """Voxels as network input ``(1, 1, R, R, R)``."""
     return torch.as_tensor(occupied.astype(np.float32))[None, None]
 
 
 def predict(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray) -> Proposals:
     """One pass: the network on ``voxels``, averaged over sign frames if the weights ask for it, in the unit frame."""
-    signs = _SIGNS[: checkpoint.input.sign_frames]
+    planes, quaternions = _heads(checkpoint, voxels, checkpoint.input.sign_frames)
+    mean_planes = np.stack([_mean_plane(head) for head in planes])
+    turns = np.stack([sign_free_mean(head) for head in quaternions]) if len(quaternions) else np.zeros((0, 4))
+    return _proposals(mean_planes, turns, rotation)
+
+
+def predict_each(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray, frames: int) -> Proposals:
+    """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
+    planes, quaternions = _heads(checkpoint, voxels, frames)
+    return _proposals(planes.reshape(-1, 4), quaternions.reshape(-1, 4), rotation)
+
+
+def _heads(checkpoint: Checkpoint, voxels: Tensor, frames: int) -> tuple[FloatArray, FloatArray]:
+    """Planes and quaternions ``(heads, frames, 4)`` in the frame of the voxels."""
+    signs = _SIGNS[:frames]
     batch = torch.cat([torch.flip(voxels, [axis + 2 for axis in range(3) if sign[axis] < 0]) for sign in signs])
     with torch.inference_mode():
         outputs = checkpoint.network(batch)
-    # Heads first: (head, sign frame, 4).
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.
     quaternions[..., 1:] *= signs * signs.prod(1, keepdims=True)
-    mean_planes = np.stack([_mean_plane(head) for head in planes])
-    mean_planes[:, :3] = mean_planes[:, :3] @ rotation
-    turns = np.stack([sign_free_mean(head) for head in quaternions]) if len(quaternions) else np.zeros((0, 4))
-    directions, angles = axis_angle(torch.as_tensor(turns))
-    return Proposals(mean_planes, directions.numpy() @ rotation, angles.numpy())
+    return planes, quaternions
+
+
+def _proposals(planes: FloatArray, quaternions: FloatArray, rotation: FloatArray) -> Proposals:
+    """Out of the frame of the voxels, back into the unit frame."""
+    turned = np.column_stack([planes[:, :3] @ rotation, planes[:, 3]])
+    directions, angles = axis_angle(torch.as_tensor(quaternions))
+    return Proposals(turned, directions.numpy() @ rotation, angles.numpy())
 
 
 def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:

@@ -7,9 +7,10 @@ multiply them with the kernel in its eight positions within the patch, take the 
 """
 
 from itertools import product
+from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 
 def convolve_and_pool(voxels: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
@@ -42,6 +43,19 @@ def convolve_and_pool(voxels: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     rows = ((item * half + x) * half + y) * half + z
     pooled = bias.expand(size * half**3, channels).index_copy(0, rows, values)
     return pooled.view(size, half, half, half, channels).permute(0, 4, 1, 2, 3)
+
+
+def convolve(features: Tensor, layer: nn.Conv3d) -> Tensor:
+    """``layer(features)`` on the CPU, through oneDNN also where torch would not use it.
+
+    For a single small sample torch falls back on a loop that takes several times longer (measured: 2.0 ms instead of
+    0.3 for the second layer).
+    """
+    if torch.is_grad_enabled() or not torch.backends.mkldnn.is_available():
+        return layer(features)
+    ones = [1, 1, 1]
+    operation: Any = torch.ops.aten.mkldnn_convolution  # pyright: ignore[reportUnknownMemberType] - made at run time
+    return operation(features, layer.weight, layer.bias, ones, ones, ones, 1)
 
 
 def _at(weight: Tensor, offset: tuple[int, ...]) -> Tensor:

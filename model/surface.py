@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._bvh import FANOUT, LANES, build, enclose
+from model._bvh import build, enclose
 from model._bvh_axes import tree_axes
 from model._bvh_query import closest_points, morton_order, pack, search
 from model._jit import kernel_array
@@ -70,6 +70,19 @@ class SurfaceIndex:
         total = self._search(self._turn(kernel_array(points, np.float64)), np.inf, stop_above * count)[2]
         return np.inf if total > stop_above * count else total / count
 
+    @property
+    def tree(self) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Boxes, children and triangle frames for kernels of other modules, in the axes of the tree."""
+        return self._boxes, self._children, self._frames
+
+    def to_tree(self, vectors: FloatArray) -> FloatArray:
+        """A copy of points or directions (n, 3) in the axes of the tree, which may be turned about the origin."""
+        return np.array(vectors if self._axes is None else vectors @ self._axes.T, dtype=np.float64, order="C")
+
+    def from_tree(self, vectors: FloatArray) -> FloatArray:
+        """Points or directions (n, 3) back in the frame of the surface."""
+        return vectors if self._axes is None else vectors @ self._axes
+
     def _turn(self, points: FloatArray) -> FloatArray:
         """Into the axes of the tree."""
         if self._axes is None:
@@ -88,8 +101,6 @@ class SurfaceIndex:
             self._frames,
             float(bound),
             float(stop_above),
-            np.empty(FANOUT),
-            np.empty(LANES),
             squared,
             lanes,
         )

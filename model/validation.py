@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from model.surface import SurfaceIndex
+from model.symmetries import Reason
 from model.transforms import reflect, rotation_matrix
 from model.types import FloatArray
 
@@ -21,8 +21,6 @@ SWEEP_DEGREES = 1
 
 SWEEP_SAMPLES = 256
 """Samples each angle of the sweep is judged on: 359 angles on all of them would cost a third of a second."""
-
-Reason = Literal["not_symmetric", "duplicate", "not_continuous"]
 
 
 @dataclass(frozen=True, slots=True)

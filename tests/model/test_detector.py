@@ -145,7 +145,7 @@ def test_a_surface_of_revolution_has_a_continuous_axis(default: Detector):
 
 
 def test_an_asymmetric_mesh_has_none_and_every_rejection_a_reason(detector: Detector):
-    detection = detector.detect(as_mesh(known("none")))
+    detection = detector.detect(as_mesh(known("none")), mode="paper")
     assert detection.planes == []
     assert detection.axes == []
     assert detection.point_group == "C1"
