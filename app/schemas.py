@@ -108,7 +108,7 @@ class Timings(Schema):
     total: float = Field(ge=0)
 
 
-Reason: TypeAlias = Literal["not_symmetric", "duplicate", "not_continuous"]
+Reason: TypeAlias = Literal["not_symmetric", "duplicate", "not_continuous", "look_alike"]
 
 
 class RejectedPlane(Schema):
