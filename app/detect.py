@@ -101,10 +101,10 @@ async def _unless_gone(request: Request, work: Coroutine[Any, Any, T]) -> T:
             raise ClientDisconnect
         return result.result()
     finally:
-        gone.cancel()
         if not result.done():
-            result.cancel()
+            result.cancel("client-left" if gone.done() and not gone.cancelled() else "deadline")
             await asyncio.wait({result})  # it kills its worker
+        gone.cancel()
 
 
 async def _disconnected(request: Request) -> None:

@@ -65,8 +65,8 @@ class Runtime:
     async def _start(self) -> None:
         try:
             card = await self.pool.start()
-        except StartError as error:
-            logger.error("start-up failed: %s", error)
+        except Exception as error:
+            logger.error("start-up failed: %s", error, exc_info=not isinstance(error, StartError))
             self.state = State.FAILED
             self.on_failure()
             return

@@ -123,7 +123,7 @@ class WorkerPool:
 
     async def _let_work(self, worker: Worker, job: Job, data: bytes | int) -> DetectResponse:
         """One try. The worker is given back only if it said all it had to; otherwise it is killed."""
-        keep, reason = False, "cancelled"
+        keep, reason = False, "deadline"
         try:
             kind, payload = await self._converse(worker, job, data)
             reason = "untrusted"
@@ -147,6 +147,9 @@ class WorkerPool:
             raise DefectError(f"worker {worker.pid} is not trusted any more: {error}") from error
         except TookTooLongError:
             reason = "deadline"
+            raise
+        except asyncio.CancelledError as error:
+            reason = "client-left" if error.args == ("client-left",) else "deadline"
             raise
         except _LOST:
             reason = "lost"

@@ -51,12 +51,15 @@ async def test_deadline_ends_the_work_and_frees_its_worker(
 ) -> None:
     files = {"file": ("chair.obj", chair)}
     detector.gate.clear()
+    lost: list[str] = []
     async with serving(detector, workers=1, queue=1, deadline_s=1.0) as (client, runtime):
+        runtime.pool.on_restart = lost.append
         first, second = await asyncio.gather(*[client.post("/detect", files=files) for _ in range(2)])
         for response in (first, second):
             assert_problem(response, "deadline-passed", 504)
         assert runtime.pool.admitted == 0
         assert len(detector.calls) == 1  # the one that waited never ran
+        assert lost == ["deadline"]
         await until(lambda: not alive(detector.calls[0]["pid"]))
         detector.gate.set()  # only now could that work have ended by itself
         assert (await client.post("/detect", files=files)).status_code == 200
@@ -106,7 +109,9 @@ async def test_work_of_a_client_that_left_is_dropped(
     }  # fmt: skip
     detector.gate.clear()
     before = place == "waiting"  # whether another request has the only worker
+    lost: list[str] = []
     async with serving(detector, workers=1, queue=1) as (client, runtime):
+        runtime.pool.on_restart = lost.append
         if before:
             running = asyncio.create_task(client.post("/detect", files={"file": ("chair.obj", chair)}))
             await until(lambda: len(detector.calls) == 1)
@@ -124,6 +129,7 @@ async def test_work_of_a_client_that_left_is_dropped(
         await client._transport.app(scope, receive, send)  # type: ignore[attr-defined]
         assert runtime.pool.admitted == before
         await until(lambda: alive(detector.calls[0]["pid"]) == before)  # work that ran was ended
+        assert lost == ([] if before else ["client-left"])
         detector.gate.set()
         if before:
             assert (await running).status_code == 200
