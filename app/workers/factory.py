@@ -24,11 +24,7 @@ _WORKER_START_S = 60.0
 
 
 class StartError(Exception):
-    """The zygote could not load; the message says why, ``expected`` whether it is the weights' fault."""
-
-    def __init__(self, message: str, expected: bool) -> None:
-        super().__init__(message)
-        self.expected = expected
+    """The zygote could not load, or no worker starts; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +141,10 @@ class Factory:
         try:
             kind, payload = await wire.receive(self._control, _LARGEST_CARD)
         except (EOFError, OSError, wire.WireError) as error:
-            raise StartError("the process that loads the weights ended", expected=False) from error
+            raise StartError("the process that loads the weights ended") from error
         if kind == wire.FAILED:
             message = str(json.loads(payload))
-            raise StartError(message, expected=not message.startswith("Traceback"))
+            raise StartError(message)
         self._listener = asyncio.create_task(self._listen(self._control))
         return Card(**json.loads(payload))
 

@@ -61,7 +61,7 @@ class WorkerPool:
             for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + _SPARE)]):
                 self._welcome(worker)
         except (*_LOST, TimeoutError, wire.WireError) as error:
-            raise StartError(f"no worker starts: {error!r}", expected=False) from error
+            raise StartError(f"no worker starts: {error!r}") from error
         return self.card
 
     def admit(self) -> "Place":
@@ -260,7 +260,7 @@ class WorkerPool:
             factory = self._factory = self._new_factory()
             if await factory.start() != self.card:
                 await factory.close()
-                raise StartError("the weights have changed since the service started", expected=False)
+                raise StartError("the weights have changed since the service started")
             return factory
 
     def _new_factory(self) -> Factory:
