@@ -148,7 +148,7 @@ def refine(
                 distances[i], ordered[i] = distance, distance
                 total += squared
             ordered.sort()
-            typical = max(spread * ordered[min(int(quantile * count), count - 1)], final_scale)
+            typical = max(spread * ordered[min(int(quantile * count), count - 1)], np.sqrt(total / count), final_scale)
             scale = max(min(scale * shrink, typical), final_scale)
             _step(samples, image, toward, distances, linear, scale, damping, matrix, motion)
             _clip(motion, 0, largest_turn)

@@ -19,7 +19,7 @@ SPHERE_DEVIATION = 0.013
 _LOOSE_DEVIATION = 0.1
 """A scanned or dented vase is round only approximately: RMS deviation as a part of the radius."""
 
-_FLAT = 4.0
+_FLAT = 2.0
 """Such a surface is about equally wrong at every angle; the largest error exceeds the smallest by no more than this."""
 
 _CONTRAST = 0.1
@@ -28,8 +28,10 @@ _CONTRAST = 0.1
 _FEW, _SURELY = 8, 4.0
 """A turn that is so many times too bad on every eighth sample is not looked at on all of them."""
 
-_GOLDEN = 2.0 * np.pi * (2.0 / (1.0 + 5.0**0.5))
-_ARBITRARY = _GOLDEN * np.array([1.0, 2.0, 3.0, 5.0, 8.0])
+ARBITRARY_ANGLES = np.array([1.474, 2.552, 0.539, 2.095, 1.366])
+"""Radians. For every order up to 64 one of them is at least 0.33 of a step away from all multiples of the step (found
+by random search; multiples of the golden angle come near those of 21 and 34)."""
+
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61)
 _LARGEST = 64
 
@@ -72,7 +74,7 @@ def allowed_turns(
     """
     arm = samples - point
     radii = np.linalg.norm(arm - np.outer(arm @ direction, direction), axis=1)
-    squared = _turned(surface, samples, direction, point, _ARBITRARY)
+    squared = _turned(surface, samples, direction, point, ARBITRARY_ANGLES)
     errors = squared.mean(1)
     round_within = bool(errors.max() <= max_error)
     if round_within and np.sqrt(squared.max()) <= deviation * radii.max():

@@ -3,6 +3,7 @@
 Cheap rejection comes first (few samples, few steps), precision last, for what is left.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ _MUCH_BETTER = 10.0
 """An element so near to one that is so many times better has not come to rest: robust steps may stick where some faces
 fit exactly and the others count as missing."""
 
-_COARSE_EVERY = 5
+_COARSE_EVERY, _FINE_EVERY = 6, 2
 CUT = 0.06
 """Distances count up to here while candidates are sifted: a hole in the surface must not hide a symmetry."""
 
@@ -42,16 +43,30 @@ class Settled:
     dropped_errors: FloatArray
 
 
-def settle(surface: SurfaceIndex, samples: FloatArray, starts: Operations, max_error: float) -> Settled:
-    """Refine ``starts``, in the unit frame, on ``samples`` ``(n, 3)`` of the surface; keep the good ones, each once."""
-    coarse = samples[::_COARSE_EVERY]
+def settle(
+    surface: SurfaceIndex,
+    points: Callable[[int], FloatArray],
+    samples: FloatArray,
+    starts: Operations,
+    max_error: float,
+) -> Settled:
+    """Refine ``starts`` and keep the good ones, each once.
+
+    Args:
+        surface: the shape, unit frame.
+        points: gives points of it to refine on, ``(m, 3)``, with every so many-th sample among them.
+        samples: ``(n, 3)`` points to measure on.
+        starts: what to begin with.
+        max_error: threshold on the SDE.
+    """
+    coarse = points(_COARSE_EVERY)
     dropped: list[Operations] = []
     dropped_errors: list[FloatArray] = []
     operations = starts
     errors = np.zeros(len(operations))
     for steps, scale, bound in ((3, 0.15, _HOPELESS), (3, 0.04, _POOR)):
         operations = refine(surface, coarse, operations, steps, scale=scale, settled=1e-5)
-        squared = squared_distances(surface, coarse, operations)
+        squared = squared_distances(surface, samples[::_COARSE_EVERY], operations)
         errors = np.minimum(squared, CUT * CUT).mean(1)
         good = errors <= bound * max_error
         dropped.append(operations[~good])
@@ -60,7 +75,7 @@ def settle(surface: SurfaceIndex, samples: FloatArray, starts: Operations, max_e
         kept = distinct(operations, errors)
         operations, errors = operations[kept], errors[kept]
     if len(operations):
-        operations = refine(surface, samples[::2], operations, 5, scale=0.02)
+        operations = refine(surface, points(_FINE_EVERY), operations, 8, scale=0.02)
         errors = mean_errors(surface, samples, operations)
         kept = distinct(operations, errors)
         operations, errors = operations[kept], errors[kept]

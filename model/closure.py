@@ -13,8 +13,13 @@ from model.types import BoolArray, FloatArray
 SAME = float(np.deg2rad(1.2))
 """Two-fold axes of Dn are pi / n apart: enough up to n = 64."""
 
-LARGEST = 4 * 64
-"""The largest group built: Dnh with n = 64 has so many members. Products that never close end here."""
+LARGEST = 64
+"""The largest order of an axis told from round."""
+
+LARGEST_APPROXIMATE = 12
+"""The same for operations that hold only approximately."""
+
+_LARGEST_CUBIC = 120
 
 
 class Elements(NamedTuple):
@@ -25,21 +30,24 @@ class Elements(NamedTuple):
     orders: tuple[int, ...]
 
 
-def closure(generators: FloatArray) -> FloatArray | None:
-    """All products of the generators ``(k, 3, 3)``: ``(g, 3, 3)``, the identity first. None if they never close."""
+def closure(generators: FloatArray, largest: int = LARGEST) -> FloatArray | None:
+    """All products of the generators ``(k, 3, 3)``: ``(g, 3, 3)``, the identity first.
+
+    None if they never close, or only with an axis of an order above ``largest``.
+    """
     group = np.eye(3)[None]
     fresh = group
     while len(fresh):
         products = np.einsum("aij,bjk->abik", generators, fresh).reshape(-1, 3, 3)
-        found: list[FloatArray] = []
-        for product in products[~_known(products, group)]:
-            if not found or not _known(product[None], np.stack(found))[0]:
-                found.append(_orthogonal(product))
-        fresh = np.reshape(found, (-1, 3, 3))
+        products = products[~_known(products, group)]
+        # Of equal ones the first: none of those before it is the same.
+        same = _same(products, products)
+        fresh = _orthogonal(products[~np.tril(same, -1).any(1)])
         group = np.concatenate([group, fresh])
-        if len(group) > LARGEST:
+        if len(group) > max(4 * largest, _LARGEST_CUBIC):  # Dnh has 4 n members
             return None
-    return group
+    smallest = np.trace(group[1:][np.linalg.det(group[1:]) > 0], axis1=1, axis2=2).max(initial=-1.0)
+    return group if smallest < 1.0 + 2.0 * np.cos(2.0 * np.pi / (largest + 0.5)) else None
 
 
 def contains(group: FloatArray, matrices: FloatArray) -> BoolArray:
@@ -49,23 +57,16 @@ def contains(group: FloatArray, matrices: FloatArray) -> BoolArray:
 
 def elements(group: FloatArray) -> Elements:
     """The planes and axes of a group, each once. An axis' order is the largest n with rotation by 2 pi / n in it."""
-    normals: list[FloatArray] = []
-    lines: list[FloatArray] = []
-    turns: list[int] = []
-    for matrix in group[1:]:
-        proper = np.linalg.det(matrix) > 0
-        if not proper:
-            if np.trace(matrix) > 2.0 * np.cos(SAME) - 1.0:
-                normals.append(_axis_of(-matrix))
-            continue
-        line = _axis_of(matrix)
-        same = [index for index, other in enumerate(lines) if abs(other @ line) > np.cos(SAME)]
-        if same:
-            turns[same[0]] += 1
-        else:
-            lines.append(line)
-            turns.append(2)  # the identity and this one
-    return Elements(np.reshape(normals, (-1, 3)), np.reshape(lines, (-1, 3)), tuple(turns))
+    members = group[1:]
+    if not len(members):
+        return Elements(np.zeros((0, 3)), np.zeros((0, 3)), ())
+    proper = np.linalg.det(members) > 0
+    reflections = ~proper & (np.trace(members, axis1=1, axis2=2) > 2.0 * np.cos(SAME) - 1.0)
+    lines = _axes_of(members[proper])
+    same = np.abs(lines @ lines.T) > np.cos(SAME)
+    first = ~np.tril(same, -1).any(1)
+    turns = same[first].sum(1) + 1  # and the identity
+    return Elements(_axes_of(-members[reflections]), lines[first], tuple(turns.tolist()))
 
 
 def name(group: FloatArray) -> str:
@@ -77,12 +78,12 @@ def name(group: FloatArray) -> str:
     if not orders:
         return "Cs" if len(planes) else "Ci" if inverted else "C1"
     # The principal axis; of three two-fold ones (D2d) the one the rotoreflection turns about.
-    improper = [matrix for matrix in group if np.linalg.det(matrix) < 0]
+    improper = group[np.linalg.det(group) < 0]
     main = directions[int(np.argmax(orders))]
     n = max(orders)
     if n == 2 and len(orders) == 3:
-        quarter = [_axis_of(-matrix) for matrix in improper if abs(np.trace(matrix) + 1.0) < 0.1]
-        main = quarter[0] if quarter else main
+        quarter = improper[np.abs(np.trace(improper, axis1=1, axis2=2) + 1.0) < 0.1]
+        main = _axes_of(-quarter)[0] if len(quarter) else main
     across = bool(len(planes)) and bool((np.abs(planes @ main) > _PARALLEL).any())
     along = bool(len(planes)) and bool((np.abs(planes @ main) < 1.0 - _PARALLEL).any())
     if len(orders) > 1:
@@ -91,7 +92,7 @@ def name(group: FloatArray) -> str:
         return f"C{n}h"
     if along:
         return f"C{n}v"
-    return f"S{2 * n}" if improper else f"C{n}"
+    return f"S{2 * n}" if len(improper) else f"C{n}"
 
 
 _PARALLEL = 0.97
@@ -106,17 +107,22 @@ def _cubic(orders: tuple[int, ...], mirrored: bool, inverted: bool) -> str:
 
 
 def _known(matrices: FloatArray, others: FloatArray) -> BoolArray:
+    return np.asarray(_same(matrices, others).any(1))
+
+
+def _same(matrices: FloatArray, others: FloatArray) -> BoolArray:
     # tr(A^T B) is 1 + 2 cos of the angle between two proper operations, or two improper ones; less between the kinds.
     traces = matrices.reshape(-1, 9) @ others.reshape(-1, 9).T
-    return (traces > 1.0 + 2.0 * np.cos(SAME)).any(1)
+    return np.greater(traces, 1.0 + 2.0 * np.cos(SAME))
 
 
-def _orthogonal(matrix: FloatArray) -> FloatArray:
-    left, _, right = np.linalg.svd(matrix)
+def _orthogonal(matrices: FloatArray) -> FloatArray:
+    """The nearest orthogonal matrices: products drift."""
+    left, _, right = np.linalg.svd(matrices)
     return left @ right
 
 
-def _axis_of(matrix: FloatArray) -> FloatArray:
-    """The unit direction that a rotation ``(3, 3)`` leaves where it is."""
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
-    return vectors[:, int(np.argmax(values))]
+def _axes_of(matrices: FloatArray) -> FloatArray:
+    """The unit directions ``(k, 3)`` that rotations ``(k, 3, 3)`` leave where they are."""
+    _, vectors = np.linalg.eigh((matrices + matrices.transpose(0, 2, 1)) / 2.0)
+    return vectors[:, :, -1]

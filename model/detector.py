@@ -17,7 +17,7 @@ import torch
 
 from model.checkpoint import Checkpoint, load_checkpoint
 from model.detection import Detection
-from model.frames import UnitFrame, inertia_frame
+from model.frames import UnitFrame, canonical_signs, inertia_frame
 from model.full import Shape, Sources, find_symmetries
 from model.judgement import MORE_SAMPLES, SAMPLES, Judge
 from model.mesh import Mesh, MeshLike, as_mesh
@@ -32,8 +32,8 @@ from model.proposals import (
     turned_voxels,
 )
 from model.report import to_input
-from model.sampling import sample_surface
-from model.scan import DistanceGrid
+from model.sampling import extreme_vertices, sample_surface
+from model.scan import DistanceGrid, directions
 from model.surface import SurfaceIndex
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
@@ -41,6 +41,9 @@ from model.validation import MAX_ERROR
 
 REFINE_SAMPLES = 240
 """Surface samples that elements are refined on in full mode; they are judged on others."""
+
+EVERY_DIRECTION = 83
+"""Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
 
 FULL_FRAMES = 1
 """Sign choices of the input frame that full mode looks at, in one batch: more find nothing that refinement
@@ -133,7 +136,7 @@ class Detector:
         timings: dict[str, float],
     ) -> Symmetries:
         mark = time.perf_counter()
-        principal, _ = inertia_frame(vertices, faces)
+        principal = canonical_signs(inertia_frame(vertices, faces)[0], vertices, faces)
         turn = principal if self._checkpoint.input.frame == "inertia" else np.eye(3)
         occupied = turned_voxels(self._checkpoint, vertices, faces, turn)
         timings["voxelize"] = _since(mark)
@@ -142,10 +145,12 @@ class Detector:
         timings["infer"] = _since(mark)
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
-        refining, _ = sample_surface(vertices, faces, REFINE_SAMPLES, seed=1)
+        samples, _ = sample_surface(vertices, faces, REFINE_SAMPLES, seed=1)
+        sides = directions()[::EVERY_DIRECTION] @ principal
+        anchors = extreme_vertices(vertices, faces, np.concatenate([sides, -sides]))
         judging, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
         judge = Judge(surface, judging, max_error, lambda: sample_surface(vertices, faces, MORE_SAMPLES, seed=2)[0])
-        shape = Shape(surface, refining, judge, DistanceGrid(occupied), turn, principal)
+        shape = Shape(surface, samples, anchors, judge, DistanceGrid(occupied), turn, principal)
         found = find_symmetries(shape, proposals, sources)
         timings["validate"] = found.judging_ms
         timings["refine"] = _since(mark) - found.judging_ms

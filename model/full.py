@@ -10,29 +10,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.axis_order import SPHERE_DEVIATION, Turns, allowed_turns
+from model.axis_order import ARBITRARY_ANGLES, SPHERE_DEVIATION, Turns, allowed_turns
 from model.candidates import CUT, SAME_ANGLE, mean_errors, same_element, settle
+from model.closure import LARGEST, LARGEST_APPROXIMATE
 from model.group import Group
-from model.judgement import EXACT_ERROR, Judge, tangents
+from model.judgement import CERTAIN_ERROR, EXACT_ERROR, Judge, tangents
 from model.operations import Operations
 from model.proposals import Proposals
 from model.refinement import refine, squared_distances
-from model.scan import DistanceGrid, minima
+from model.scan import DistanceGrid, directions, minima
 from model.surface import SurfaceIndex
 from model.symmetries import FoundAxis, FoundPlane, Reason, Symmetries, TurnedDown
 from model.types import BoolArray, FloatArray
 
-_GOLDEN = 2.399963229728653
 _PROMISING_PLANE, _PROMISING_AXIS = 1.5, 0.7
 """Scores of the scan, in squared voxels, above which nothing is worth refining. Clear planes score below 0.5; a missing
 part adds nine times its share of the surface."""
 
 _MOST_PLANES, _MOST_AXES = 14, 6
 _MOST_THROUGH_ROUND = 3
+_EVERY_DIRECTION = 12
+_MOST_CANDIDATES = 24
+_PRODUCTS_EVERY, _PRODUCT_ERROR = 5, 4.0
 _HOPELESS_AXIS = 6.0
 _SCREEN_PRIMES = (2, 3, 5, 7, 11, 13)
 _AS_GOOD = 2.0
 """Elements that hold about as well as the best one, whatever that is, form the group."""
+
+_BASIN = float(np.deg2rad(6.0))
+"""Nearer than this to a better element, a similar one is the same, not quite come to rest."""
 
 _ALONG, _ACROSS = float(np.sin(np.deg2rad(4.0))), float(np.cos(np.deg2rad(8.0)))
 
@@ -50,12 +56,15 @@ class Sources:
 class Shape:
     """A surface in the unit frame, ready to be searched.
 
-    ``samples`` ``(n, 3)`` serve refinement, the `judge` has its own. ``grid`` holds the voxels in the frame that
-    ``turn`` ``(3, 3)`` takes the unit frame to; the rows of ``principal`` ``(3, 3)`` are the inertia frame's axes.
+    ``samples`` ``(n, 3)`` of the surface serve refinement, together with ``anchors`` ``(m, 3)``, extreme vertices that
+    hold fast what hardly a sample hits, corners and rims; the `judge` has samples of its own. ``grid`` holds the voxels
+    in the frame that ``turn`` ``(3, 3)`` takes the unit frame to; the rows of ``principal`` ``(3, 3)`` are the inertia
+    frame's axes.
     """
 
     surface: SurfaceIndex
     samples: FloatArray
+    anchors: FloatArray
     judge: Judge
     grid: DistanceGrid
     turn: FloatArray
@@ -70,6 +79,10 @@ class Shape:
     def max_error(self) -> float:
         """The threshold on the SDE."""
         return self.judge.max_error
+
+    def points(self, every: int) -> FloatArray:
+        """What to refine on: every so many-th sample, and all anchors."""
+        return np.concatenate([self.samples[::every], self.anchors])
 
     def scores(self, operations: Operations) -> FloatArray:
         """The scan's score of arbitrary operations: ``(k,)``."""
@@ -97,15 +110,17 @@ def find_symmetries(shape: Shape, proposals: Proposals | None, sources: Sources)
         if turns.round_within:
             round_lines.append(point[:3])
     starts = _plane_starts(shape, proposals, sources, round_lines)
-    planes = settle(shape.surface, shape.samples, starts, shape.max_error)
+    planes = settle(shape.surface, shape.points, shape.samples, starts, shape.max_error)
     found, errors = planes.operations, planes.errors
-    within = errors <= shape.max_error
+    within = errors <= shape.max_error  # sorted: the first of them are the best
     rejected = [
         TurnedDown(error, "not_symmetric", plane)
         for part, part_errors in ((planes.dropped, planes.dropped_errors), (found[~within], errors[~within]))
         for plane, error in zip(part.planes, part_errors.tolist(), strict=True)
     ]
-    completion = _Completion(shape, lines, sources, found[within], errors[within], rejected)
+    completion = _Completion(
+        shape, lines, sources, found[within][:_MOST_CANDIDATES], errors[within][:_MOST_CANDIDATES], rejected
+    )
     exact = completion.exact()
     if roughly and not exact:  # a vase as scanned; what is exact would say more
         return _revolution(shape, roughly[0][:3], roughly[0][3:])
@@ -127,11 +142,11 @@ def _lines(shape: Shape, proposals: Proposals | None, sources: Sources) -> Float
 def _inspect(shape: Shape, direction: FloatArray) -> tuple[FloatArray, Turns]:
     """Whether the shape is round about an axis near ``direction``: the refined axis ``(6,)`` and what it allows."""
     start = np.concatenate([direction, shape.centre])
-    angles = _GOLDEN * np.arange(1.0, 6.0)
-    turned = Operations.rotations(np.tile(direction, (len(angles), 1)), shape.centre, angles)
+    count = len(ARBITRARY_ANGLES)
+    turned = Operations.rotations(np.tile(direction, (count, 1)), shape.centre, ARBITRARY_ANGLES)
     if shape.scores(turned).max() > _PROMISING_AXIS:
         return start, Turns(1, False)
-    axis = refine(shape.surface, shape.samples[::3], turned[:1], 8, scale=0.05)
+    axis = refine(shape.surface, shape.points(3), turned[:1], 8, scale=0.05)
     point, few = np.concatenate([axis.directions[0], axis.points[0]]), shape.samples[::2]
     limit = EXACT_ERROR
     return point, allowed_turns(shape.surface, few, point[:3], point[3:], limit=limit, max_error=shape.max_error)
@@ -146,8 +161,10 @@ def _plane_starts(
     if sources.scan:
         mirrored, _ = shape.grid.scan
         scanned = minima(mirrored, _MOST_PLANES, _PROMISING_PLANE) @ shape.turn
-        for line in round_lines:  # about a nearly round axis all planes look alike to the scan: a few are enough
-            through = np.abs(scanned @ line) < 2.0 * _ALONG
+        if len(round_lines) > 1:  # nearly a sphere: the scan sees nothing
+            scanned = directions()[::_EVERY_DIRECTION]
+        if len(round_lines) == 1:  # about a nearly round axis all planes look alike to the scan: a few are enough
+            through = np.abs(scanned @ round_lines[0]) < 2.0 * _ALONG
             scanned = np.concatenate([scanned[through][:_MOST_THROUGH_ROUND], scanned[~through]])
         normals.append(scanned)
     rows = np.concatenate(normals)
@@ -161,6 +178,7 @@ def _revolution(shape: Shape, direction: FloatArray, point: FloatArray) -> Symme
     """A surface of revolution: the axis, what lies across it, and two planes through it for all of them."""
     across = settle(
         shape.surface,
+        shape.points,
         shape.samples,
         Operations.reflections(np.append(direction, -direction @ shape.centre)),
         shape.max_error,
@@ -188,7 +206,7 @@ def _revolution(shape: Shape, direction: FloatArray, point: FloatArray) -> Symme
             result.planes.append(FoundPlane(plane, float(error), continuous=index < len(through)))
         elif index == len(through):
             result.point_group = "Cinfv"
-    turns = Operations.rotations(np.stack(axes), centre, _GOLDEN)
+    turns = Operations.rotations(np.stack(axes), centre, float(ARBITRARY_ANGLES[0]))
     errors, safe = shape.judge.errors(turns)
     for axis, error, holds in zip(axes, errors, safe, strict=True):
         if holds:
@@ -269,18 +287,23 @@ class _Completion:
     def _extend(self, operations: Operations, errors: FloatArray) -> bool:
         """Add those that hold to the group; True if it has grown."""
         good = np.flatnonzero(errors <= self._level).tolist()
-        good = [k for k in good if errors[k] < EXACT_ERROR or self._stands_out(operations[[k]], float(errors[k]))]
+        good = [k for k in good if errors[k] < CERTAIN_ERROR or self._stands_out(operations[[k]], float(errors[k]))]
         if not good:
             return False
-        grown = self._group.with_operations(operations[good], errors[good])
+        largest = LARGEST_APPROXIMATE if self._approximate else LARGEST
+        grown = self._group.with_operations(operations[good], errors[good], largest, self._all_hold)
         larger = len(grown.matrices) > len(self._group.matrices)
         if larger:
             self._group = grown
         return larger
 
-    def _stands_out(self, operation: Operations, error: float) -> bool:
-        exact = len(self._group.matrices) > 1 and not self._approximate
-        stands_out = self._shape.judge.stands_out(operation, beside_exact=exact)
+    def _all_hold(self, operations: Operations) -> bool:
+        """Whether the shape has all these: the product of two symmetries errs four times as much as each at worst."""
+        errors = mean_errors(self._shape.surface, self._shape.samples[::_PRODUCTS_EVERY], operations)
+        return bool(errors.max(initial=0.0) <= _PRODUCT_ERROR * self._level)
+
+    def _stands_out(self, operation: Operations, error: float, *, beside_others: bool = False) -> bool:
+        stands_out = self._shape.judge.stands_out(operation, beside_others=beside_others)
         if not stands_out:
             self._reject(operation, error, "look_alike")
         return stands_out
@@ -299,7 +322,9 @@ class _Completion:
             known = dict.fromkeys(range(len(directions)))
             candidates = np.concatenate([directions, normals, self._lines])
             for index, direction in enumerate(candidates):
-                if any(abs(direction @ other) > np.cos(2.0 * SAME_ANGLE) for other in self._tested):
+                # One of each set of equivalent axes is enough.
+                images = self._group.matrices @ direction
+                if any(np.abs(images @ other).max() > np.cos(2.0 * SAME_ANGLE) for other in self._tested):
                     continue
                 self._tested.append(direction)
                 order = orders[index] if index in known else 1
@@ -322,7 +347,7 @@ class _Completion:
         first = squared_distances(shape.surface, shape.samples[::6], starts[[best]])
         if np.minimum(first, CUT * CUT).mean() > _HOPELESS_AXIS * shape.max_error:
             return False
-        axis = refine(shape.surface, shape.samples[::3], starts[[best]], 8, scale=0.03)
+        axis = refine(shape.surface, shape.points(3), starts[[best]], 8, scale=0.03)
         error = float(mean_errors(shape.surface, shape.samples, axis)[0])
         if error > shape.max_error:
             self._reject(axis, error, "not_symmetric")
@@ -361,7 +386,7 @@ class _Completion:
         near = self._group.elements.directions
         if len(near):
             starts = starts[np.flatnonzero(np.abs(starts.directions @ near.T).max(1) < _ACROSS)]
-        settled = settle(shape.surface, shape.samples, starts, shape.max_error)
+        settled = settle(shape.surface, shape.points, shape.samples, starts, shape.max_error)
         good = settled.errors <= shape.max_error
         return settled.operations[good], settled.errors[good]
 
@@ -374,28 +399,35 @@ class _Completion:
 
     def _add_improper(self) -> None:
         """Inversion, and the rotoreflection by half the smallest turn: they leave neither a plane nor an axis."""
-        directions, orders = self._group.elements.directions, self._group.elements.orders
+        lines, orders = self._group.elements.directions, self._group.elements.orders
         centre = self._group.centre[None]
         improper = np.ones(1, dtype=np.bool_)
-        for direction, order in zip(directions, orders, strict=True):
-            if order == max(orders):
-                self._refine_and_add(Operations(direction[None], centre, np.array([np.pi / order]), improper))
+        for line, order in zip(lines, orders, strict=True):
+            half = Operations(line[None], centre, np.array([np.pi / order]), improper)
+            if order == max(orders) and self._tells_angles_apart(half):
+                self._refine_and_add(half)
         self._refine_and_add(Operations(np.array([[0.0, 0.0, 1.0]]), centre, np.array([np.pi]), improper))
+
+    def _tells_angles_apart(self, operation: Operations) -> bool:
+        """Whether another angle about the same line would be distinctly worse: not on a needle, for example."""
+        angles = np.concatenate([operation.angles, operation.angles[0] * np.array([0.5, 1.5])])
+        others = operation[[0, 0, 0]]
+        others = Operations(others.directions, others.points, angles, others.improper)
+        errors = mean_errors(self._shape.surface, self._shape.samples[::2], others)
+        return bool(errors[0] < max(CERTAIN_ERROR, 0.1 * errors[1:].min()))
 
     def _refine_and_add(self, operation: Operations) -> None:
         shape = self._shape
         if not self._group.holds(operation)[0] and shape.scores(operation)[0] <= _PROMISING_AXIS:
-            self._add(refine(shape.surface, shape.samples[::2], operation, 10, scale=0.03))
+            self._add(refine(shape.surface, shape.points(2), operation, 10, scale=0.03))
 
     def _judged(self) -> Symmetries:
         shape = self._shape
         result = Symmetries(rejected=self._rejected)
         group = self._group
         while True:
-            normals, directions, orders = group.elements
-            planes = Operations.reflections(np.column_stack([normals, -normals @ group.centre]))
-            turns = 2.0 * np.pi / np.array(orders, dtype=np.float64)
-            members = Operations.joined([planes, Operations.rotations(directions, group.centre, turns)])
+            normals, _, orders = group.elements
+            members = group.element_operations
             errors, safe = shape.judge.errors(members)
             if safe.all() or not len(group.generators):
                 break
@@ -411,14 +443,14 @@ class _Completion:
         for k in range(len(normals), len(members)):
             order = orders[k - len(normals)]
             result.axes.append(FoundAxis(members.directions[k], members.points[k], order, float(errors[k])))
-        self._append_similar(result, group)
+        self._append_similar(result, group, members)
         return result
 
     def _polished(
         self, members: Operations, errors: FloatArray, safe: BoolArray
     ) -> tuple[Operations, FloatArray, BoolArray]:
         """Members of an approximate group, each moved to where it fits best by itself."""
-        refined = refine(self._shape.surface, self._shape.samples, members, 6, scale=0.01)
+        refined = refine(self._shape.surface, self._shape.points(1), members, 6, scale=0.01)
         new_errors, new_safe = self._shape.judge.errors(refined)
         better = new_errors < errors
         directions = np.where(better[:, None], refined.directions, members.directions)
@@ -426,14 +458,15 @@ class _Completion:
         members = Operations(directions, points, members.angles, members.improper)
         return members, np.where(better, new_errors, errors), np.where(better, new_safe, safe)
 
-    def _append_similar(self, result: Symmetries, group: Group) -> None:
+    def _append_similar(self, result: Symmetries, group: Group, members: Operations) -> None:
         """What holds within the threshold, but less well than the group: with all its images, or not at all."""
         listed: list[Operations] = []
         for k in np.flatnonzero(~group.holds(self._candidates)).tolist():
             operation, error = self._candidates[[k]], float(self._errors[k])
-            if any(same_element(Operations.joined([operation, *listed]), 0, i + 1) for i in range(len(listed))):
+            known = Operations.joined([operation, members, *listed])
+            if any(same_element(known, 0, i, _BASIN) for i in range(1, len(known))):
                 continue
-            if not self._stands_out(operation, error):
+            if not self._stands_out(operation, error, beside_others=True):
                 continue
             images = group.images(operation)
             errors, safe = self._shape.judge.errors(images)

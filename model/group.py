@@ -1,5 +1,6 @@
 """The symmetry group that a few operations generate, about their common centre, in the unit frame."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,14 @@ class Group:
     centre: FloatArray
 
     @classmethod
-    def generated(cls, operations: Operations, errors: FloatArray, centre: FloatArray) -> "Group":
+    def generated(
+        cls,
+        operations: Operations,
+        errors: FloatArray,
+        centre: FloatArray,
+        largest: int = closure.LARGEST,
+        holds: "Callable[[Operations], bool] | None" = None,
+    ) -> "Group":
         """The group of the operations that fit together, taken by rising error.
 
         Operations that the group already holds are left out, as are those that do not meet the others in one point, or
@@ -33,6 +41,8 @@ class Group:
             operations: candidates.
             errors: their SDE ``(k,)``.
             centre: where the group's centre is assumed along directions that no element fixes, ``(3,)``.
+            largest: groups with axes of higher order are not built.
+            holds: tells whether the shape has the elements that an operation would bring in besides itself.
         """
         matrices = np.eye(3)[None]
         chosen: list[int] = []
@@ -44,17 +54,22 @@ class Group:
             middle = common_point(trial, centre)
             if distances_from(trial, middle).max() > _OFF_CENTRE:
                 continue
-            grown = closure.closure(trial.matrices)
-            if grown is not None:
-                matrices = grown
-                chosen.append(index)
+            grown = closure.closure(trial.matrices, largest)
+            if grown is None:
+                continue
+            if holds is not None and len(grown) > 2 and not holds(_element_operations(grown, middle, matrices)):
+                continue
+            matrices = grown
+            chosen.append(index)
         generators = operations[chosen]
         return cls(generators, errors[chosen], matrices, common_point(generators, centre))
 
-    def with_operations(self, operations: Operations, errors: FloatArray) -> "Group":
-        """The group with more generators."""
+    def with_operations(
+        self, operations: Operations, errors: FloatArray, largest: int, holds: Callable[[Operations], bool]
+    ) -> "Group":
+        """The group with more generators; the arguments are those of `generated`."""
         joined = Operations.joined([self.generators, operations])
-        return Group.generated(joined, np.concatenate([self.errors, errors]), self.centre)
+        return Group.generated(joined, np.concatenate([self.errors, errors]), self.centre, largest, holds)
 
     def without_worst(self) -> "Group":
         """The group of all generators but the one with the largest error."""
@@ -75,6 +90,11 @@ class Group:
         return moved[distinct(moved, np.zeros(count))]
 
     @property
+    def element_operations(self) -> Operations:
+        """Reflections in all planes, then the smallest turns about all axes."""
+        return _element_operations(self.matrices, self.centre, np.zeros((0, 3, 3)))
+
+    @property
     def elements(self) -> closure.Elements:
         """Planes and axes."""
         return closure.elements(self.matrices)
@@ -83,6 +103,15 @@ class Group:
     def name(self) -> str:
         """The Schoenflies symbol."""
         return closure.name(self.matrices)
+
+
+def _element_operations(matrices: FloatArray, centre: FloatArray, known: FloatArray) -> Operations:
+    """Reflections and smallest turns of a group about a centre, without those of the ``known`` matrices."""
+    normals, directions, orders = closure.elements(matrices)
+    planes = Operations.reflections(np.column_stack([normals, -normals @ centre]))
+    turns = 2.0 * np.pi / np.array(orders, dtype=np.float64)
+    operations = Operations.joined([planes, Operations.rotations(directions, centre, turns)])
+    return operations[np.flatnonzero(~closure.contains(known, operations.matrices))] if len(known) else operations
 
 
 def common_point(operations: Operations, near: FloatArray) -> FloatArray:

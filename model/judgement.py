@@ -15,6 +15,9 @@ EXACT_ERROR = 1e-6
 
 docs/accuracy.md shows the distribution of errors that led to it."""
 
+CERTAIN_ERROR = 1e-9
+"""Below this a symmetry needs no comparison with its neighbours, however small the part that tells them apart."""
+
 SAMPLES, MORE_SAMPLES = 1000, 5000
 _MANY = 3
 """Beyond so many elements each is judged on fewer samples, a large group being its own proof, ..."""
@@ -29,17 +32,16 @@ _CONFIDENCE = 2.0
 _NEAR = np.deg2rad((-12.0, 12.0))
 _TIGHT = np.deg2rad((-18.0, -12.0, -7.0, 7.0, 12.0, 18.0))
 _FAR = np.deg2rad((-70.0, -50.0, -30.0, 30.0, 50.0, 70.0, 90.0))
-_BETTER_THAN_NEAR, _BETTER_BESIDE_EXACT, _BETTER_THAN_FAR = 2.0, 4.0, 10.0
+_BETTER_THAN_NEAR, _BETTER_BESIDE_OTHERS, _BETTER_THAN_FAR = 2.0, 4.0, 10.0
 """A symmetry that is not exact must stand out: so many times better than the same element tilted by each of the near
 angles, and than the worst of the far ones, whichever way it is tilted. Else the shape is only round, thin or a lump,
-and others would do as well. Beside exact symmetries the bar is higher: the teeth of a gear that turns one way mirror
+and others would do as well. Beside better symmetries the bar is higher: the teeth of a gear that turns one way mirror
 onto each other fairly well in as many planes as there are teeth."""
 
 _KEPT = 0.75
 """Where a part is missing, the comparison is made without the worst quarter of the samples."""
 
-_MEASURABLE = 1e-6
-_FEW = 36
+_FEW = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,29 +71,29 @@ class Judge:
         spread = squared.std(1) / np.sqrt(len(samples))
         return errors, errors + _CONFIDENCE * spread <= self.max_error
 
-    def stands_out(self, operation: Operations, *, beside_exact: bool = False) -> bool:
+    def stands_out(self, operation: Operations, *, beside_others: bool = False) -> bool:
         """Whether one operation (a batch of one, not a centre) is distinctly better than its neighbours.
 
         Args:
             operation: refined, but not exact.
-            beside_exact: the shape has exact symmetries that this is none of.
+            beside_others: the shape has a group of symmetries that this is none of.
         """
         samples = self.samples[:: max(1, len(self.samples) // _FEW)]
         own = np.sort(squared_distances(self.surface, samples, operation))
-        factor = _BETTER_BESIDE_EXACT if beside_exact else _BETTER_THAN_NEAR
+        factor = _BETTER_BESIDE_OTHERS if beside_others else _BETTER_THAN_NEAR
         first, second = tangents(operation.directions[0])
         around = self._tilted(operation, samples, _angled(first, second, np.pi / 4.0 * np.arange(4.0)), _NEAR)
         soft = _softest(around.mean(-1).sum(1))
         lines = _angled(first, second, np.array([soft, soft + np.pi / 2.0]))
-        if beside_exact:
+        if beside_others:
             around = np.concatenate([around.reshape(8, -1), self._tilted(operation, samples, lines[:1], _TIGHT)[0]])
         near = around.reshape(-1, around.shape[-1])
         far: FloatArray | None = None
         # A missing part is likely to be what disturbs an approximate symmetry only where nothing is exact.
-        for kept in (1.0,) if beside_exact else (1.0, _KEPT):
+        for kept in (1.0,) if beside_others else (1.0, _KEPT):
             count = int(kept * len(samples))
             error = float(own[:, :count].mean())
-            if near[:, :count].mean(1).min() <= max(factor * error, _MEASURABLE):
+            if near[:, :count].mean(1).min() <= max(factor * error, CERTAIN_ERROR):
                 continue
             far = self._tilted(operation, samples, lines, _FAR) if far is None else far
             if far[..., :count].mean(-1).max(1).min() > _BETTER_THAN_FAR * error:

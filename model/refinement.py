@@ -27,7 +27,7 @@ _SPREAD = 2.5
 """The scale is so many times this quantile of the distances: up to a quarter of the surface may be missing."""
 
 _SHRINK = 0.6
-_DAMPING = 1e-7
+_DAMPING = 1e-9
 _ROUGHLY = 0.02
 _LARGEST_TURN, _LARGEST_SHIFT = 0.2, 0.08
 _CONTACT = 1e-7
