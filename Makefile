@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install -qq -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url "$(TORCH_INDEX)")
 
 .DEFAULT_GOAL := help
-.PHONY: help serve test check format bench image train lock clean
+.PHONY: help serve test check format bench soak audit image train lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 10
@@ -34,6 +34,13 @@ format: $(VENV)/.dev ## format the code and mend what the linter can mend
 
 bench: $(VENV)/.dev ## measure latency and throughput of POST /detect over loopback
 	@$(BIN)/python benchmarks/detect_http.py $(ARGS)
+
+soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
+	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/test_fuzz_readers.py --timeout 3600
+	@for part in hostile load health chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
+
+audit: $(VENV)/.dev ## known vulnerabilities of the pinned dependencies
+	@$(BIN)/python .ci/audit.py
 
 train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare`); ARGS= goes to `fit`
 	@test -n "$(PREPARED)" || { echo 'usage: make train PREPARED=folder [ARGS=...]' >&2; exit 2; }
@@ -58,7 +65,7 @@ $(VENV)/.serve: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing the service, training and development tools into $(VENV) (the first time takes some minutes) ...'
-	@$(INSTALL) -e '.[train,dev]'
+	@$(INSTALL) -e '.[train,dev,otel]'
 	@touch $(VENV)/.serve $@
 
 $(BIN)/python:

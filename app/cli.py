@@ -37,6 +37,7 @@ def serve(
 
     from app import server
     from app.settings import Settings
+    from app.tracing import TracingNotInstalledError
 
     given: dict[str, Any] = {
         "host": host, "port": port, "workers": workers, "weights": weights, "log_level": log_level
@@ -47,7 +48,10 @@ def serve(
         # Environment variables may be at fault as well as options, so both names are told.
         faults = [f"{item['loc'][0]} (PRSNET_{str(item['loc'][0]).upper()}): {item['msg']}" for item in error.errors()]
         raise typer.BadParameter("; ".join(faults)) from error
-    raise typer.Exit(server.serve(settings))
+    try:
+        raise typer.Exit(server.serve(settings))
+    except TracingNotInstalledError as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 @app.command()
@@ -59,8 +63,9 @@ def detect(
     weights: Weights = "default",
 ) -> None:
     """Find the symmetries of mesh files. Results go to standard output, failures to standard error."""
-    from app.detection import MeshLimits, Options, parse_and_detect, to_json
+    from app.detection import MeshLimits, Options, parse_and_detect
     from app.report import print_report
+    from app.schemas import to_json
     from model.errors import MeshError
 
     if not 0 < max_error <= 1:

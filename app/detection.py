@@ -1,13 +1,13 @@
 """From the bytes of a file to the answer: what runs on a worker, and what the command line runs too."""
 
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from app import schemas
 from app.schemas import Include, Mode
-from model.formats import read_mesh
+from model.formats import MOST_NODES, MOST_UNPACKED_BYTES, read_mesh
 
 if TYPE_CHECKING:
     from model.detection import Axis, Detection, Plane, Rejected
@@ -58,31 +58,40 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class MeshLimits:
-    """Largest mesh accepted; ``None`` is no limit."""
+    """Largest file accepted, by what is in it; ``None`` is no limit."""
 
     vertices: int | None = None
     faces: int | None = None
+    nodes: int = MOST_NODES
+    unpacked_bytes: int = MOST_UNPACKED_BYTES
 
 
 def parse_and_detect(
-    detector: SymmetryDetector, data: bytes, filename: str, options: Options, limits: MeshLimits
+    detector: SymmetryDetector,
+    data: bytes,
+    filename: str,
+    options: Options,
+    limits: MeshLimits,
+    on_parsed: Callable[[], None] = lambda: None,
 ) -> schemas.DetectResponse:
-    """The answer for a mesh file: everything that must stay off the event loop.
+    """The answer for a mesh file; ``on_parsed`` is called between reading the file and computing.
 
     Raises:
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_mesh(data, filename, max_vertices=limits.vertices, max_faces=limits.faces)
+    mesh = read_mesh(
+        data,
+        filename,
+        max_vertices=limits.vertices,
+        max_faces=limits.faces,
+        max_nodes=limits.nodes,
+        max_unpacked_bytes=limits.unpacked_bytes,
+    )
     parsed = time.perf_counter()
+    on_parsed()
     detection = detector.detect(mesh, mode=options.mode, max_error=options.max_error)
     return to_response(detection, detector, filename, options.include, started, parsed)
-
-
-def to_json(response: schemas.DetectResponse, include: Collection[Include]) -> bytes:
-    """The response as UTF-8 JSON, without the members that were not asked for; numbers keep all digits."""
-    left_out = {"rejected", "bop"} - set(include)
-    return response.model_dump_json(exclude=left_out, by_alias=True).encode()
 
 
 def to_response(

@@ -6,31 +6,37 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI
+from fastapi.middleware.cors import CORSMiddleware
 from fastapi.staticfiles import StaticFiles
 
-from app import __version__, openapi, problems, routes
-from app.detection import SymmetryDetector
-from app.middleware import RequestContext
+from app import __version__, auth, openapi, problems, routes, tracing
+from app.middleware import HEADER, RequestContext
 from app.runtime import Runtime
 from app.settings import Settings
+from app.workers.factory import Launch
 
 STATIC = Path(__file__).parent / "static"
 logger = logging.getLogger("prsnet")
 
 
-def create_app(settings: Settings | None = None, detector: SymmetryDetector | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, launch: Launch | None = None) -> FastAPI:
     """The application; without arguments configured by the environment, with the shipped weights.
 
-    A ``detector`` given here is served instead of loading ``settings.weights``.
+    ``launch`` starts the process that workers are forked from, instead of one that loads ``settings.weights``.
     """
-    runtime = Runtime(settings or Settings(), detector)
+    settings = settings or Settings()
+    runtime = Runtime(settings, launch)
+    trace, end_traces = tracing.tracer() if settings.otel else (None, lambda: None)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None, None]:
-        logger.info("settings: %s", runtime.settings.summary())
+        logger.info("settings: %s", settings.summary())
         runtime.start()
-        yield
-        await runtime.stop()
+        try:
+            yield
+        finally:
+            await runtime.stop()
+            end_traces()
 
     app = FastAPI(
         title=openapi.TITLE,
@@ -38,13 +44,26 @@ def create_app(settings: Settings | None = None, detector: SymmetryDetector | No
         summary=openapi.SUMMARY,
         description=openapi.DESCRIPTION,
         docs_url=None,
+        openapi_url="/openapi.json" if settings.docs else None,
         redoc_url=None,
         lifespan=lifespan,
     )
     app.state.runtime = runtime
-    app.add_middleware(RequestContext)
+    if origins := list(filter(None, settings.cors_origins.replace(" ", "").split(","))):
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=origins,
+            allow_methods=["GET", "POST"],
+            allow_headers=[auth.HEADER, "Authorization", HEADER],
+            expose_headers=[HEADER, "Server-Timing", "Retry-After"],
+        )
+    app.add_middleware(RequestContext, metrics=runtime.metrics, trace=trace)
     problems.install(app)
     app.include_router(routes.router)
-    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    if settings.metrics:
+        app.include_router(routes.metrics_router)
+    if settings.docs:
+        app.include_router(routes.docs_router)
+        app.mount("/static", StaticFiles(directory=STATIC), name="static")
     openapi.install(app)
     return app

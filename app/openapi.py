@@ -9,8 +9,9 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.responses import PlainTextResponse
 
-from app import problems, schemas
+from app import auth, problems, schemas
 from app.middleware import HEADER
 from app.problems import MEDIA_TYPE, ProblemType
 from app.uploads import FIELD
@@ -113,7 +114,9 @@ DETECT: dict[str, Any] = {
         },
         **_errors(
             problems.MALFORMED,
+            problems.UNAUTHORIZED,
             problems.INVALID_PARAMETER,
+            problems.UPLOAD_TOO_SLOW,
             problems.UPLOAD_TOO_LARGE,
             problems.MESH_TOO_LARGE,
             problems.UNSUPPORTED_FORMAT,
@@ -122,6 +125,7 @@ DETECT: dict[str, Any] = {
             problems.DEGENERATE_MESH,
             problems.INTERNAL,
             problems.OVERLOADED,
+            problems.WORKER_LOST,
             problems.NOT_READY,
             problems.DEADLINE,
         ),
@@ -151,7 +155,19 @@ LIVE: dict[str, Any] = {"tags": ["operation"], "summary": "Liveness"}
 MODEL: dict[str, Any] = {
     "tags": ["operation"],
     "summary": "Model card",
-    "responses": _errors(problems.NOT_READY),
+    "responses": _errors(problems.UNAUTHORIZED, problems.NOT_READY),
+}
+
+
+METRICS: dict[str, Any] = {
+    "tags": ["operation"],
+    "summary": "Metrics for Prometheus",
+    "response_class": PlainTextResponse,
+    "responses": _errors(problems.UNAUTHORIZED),
+}
+_KEYS: dict[str, Any] = {
+    "key": {"type": "apiKey", "in": "header", "name": auth.HEADER, "description": "Where the operator asks for one."},
+    "bearer": {"type": "http", "scheme": "bearer", "description": "The same key."},
 }
 
 
@@ -169,9 +185,12 @@ def build(app: FastAPI) -> dict[str, Any]:
     answers["200"]["content"]["application/json"]["example"] = _EXAMPLE_RESPONSE
     problem = schemas.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     document["components"]["schemas"].update(problem.pop("$defs"), Problem=problem)
+    document["components"]["securitySchemes"] = _KEYS
     returned_id = {HEADER: {"description": "The request's id.", "schema": {"type": "string"}}}
     for operations in document["paths"].values():
         for operation in operations.values():
+            if "401" in operation["responses"]:
+                operation["security"] = [{}, *({name: list[str]()} for name in _KEYS)]
             for answer in operation["responses"].values():
                 answer["headers"] = {**answer.get("headers", {}), **returned_id}
     return document

@@ -25,6 +25,7 @@ from model.errors import (
 )
 
 MEDIA_TYPE = "application/problem+json"
+CLIENT_LEFT = 499  # as proxies log it
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +50,16 @@ MALFORMED = ProblemType(
 INVALID_PARAMETER = ProblemType(
     "invalid-parameter", 400, "Invalid parameter", "mode: Input should be 'full' or 'paper'."
 )
+UNAUTHORIZED = ProblemType(
+    "unauthorized", 401, "Unauthorized",
+    "The request needs a key, in the header X-API-Key or as Authorization: Bearer.",
+)  # fmt: skip
 NOT_FOUND = ProblemType("not-found", 404, "Not found", "There is nothing at this address; see /docs.")
 METHOD_NOT_ALLOWED = ProblemType(
     "method-not-allowed", 405, "Method not allowed", "This address does not answer GET; it answers POST."
+)
+UPLOAD_TOO_SLOW = ProblemType(
+    "upload-too-slow", 408, "Upload too slow", "An upload may take 30 seconds, and pause for 10."
 )
 UPLOAD_TOO_LARGE = ProblemType(
     "upload-too-large", 413, "Upload too large", "The upload is larger than the limit of 67108864 bytes."
@@ -77,6 +85,10 @@ INTERNAL = ProblemType(
 OVERLOADED = ProblemType(
     "overloaded", 503, "Overloaded", "All workers are busy and the queue is full. Try again in a second."
 )
+WORKER_LOST = ProblemType(
+    "worker-lost", 503, "Worker lost",
+    "The process that worked on the mesh was killed, and so was the next one. Try again in a second.",
+)  # fmt: skip
 NOT_READY = ProblemType("not-ready", 503, "Not ready", "The service is starting: its weights are being loaded.")
 DEADLINE = ProblemType(
     "deadline-passed", 504, "Deadline passed", "The request took longer than the 60 seconds allowed."
@@ -89,6 +101,9 @@ _MESH_PROBLEMS: dict[type[MeshError], ProblemType] = {
     DegenerateMeshError: DEGENERATE_MESH,
     MeshTooLargeError: MESH_TOO_LARGE,
 }
+
+
+TOO_MUCH_MEMORY = "The mesh needs more memory than a request may take; send one with fewer faces."
 
 
 class ProblemError(Exception):
@@ -122,6 +137,7 @@ def response(
     request: Request, problem: ProblemType, detail: str, headers: dict[str, str] | None = None, **more: Any
 ) -> Response:
     """The answer for ``problem``."""
+    request.scope["problem"] = problem.slug  # for the log and the metrics
     content = body(problem, detail, request_id(request), **more)
     return JSONResponse(content, problem.status, headers=headers, media_type=MEDIA_TYPE)
 
@@ -170,8 +186,9 @@ def _on_http_exception(request: Request, error: Exception) -> Response:
 
 
 def _on_disconnect(request: Request, error: Exception) -> Response:
-    # Nobody is left to read this; it only ends the request in an orderly way.
-    return response(request, MALFORMED, "The client closed the connection before the upload was complete.")
+    # Nobody is left to read this; it ends the request in an orderly way, and the log and the metrics show it.
+    request.scope["problem"] = "client-left"
+    return Response(status_code=CLIENT_LEFT)
 
 
 def install(app: FastAPI) -> None:

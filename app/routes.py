@@ -1,6 +1,5 @@
-"""The endpoints. They check, wait and answer; parsing and computing happen on the pool."""
+"""The endpoints. They check, wait and answer; parsing and computing happen in worker processes."""
 
-import asyncio
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -8,12 +7,10 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from app import __version__, openapi, schemas
-from app.detection import MeshLimits, Options, parse_and_detect, to_json
-from app.problems import DEADLINE, ProblemError
+from app.auth import require_key
+from app.detect import answer
+from app.metrics import CONTENT_TYPE
 from app.runtime import Runtime
-from app.settings import Settings
-from app.uploads import read_upload
-from model.formats import SUPPORTED_FORMATS
 
 _DOCS_PAGE = Path(__file__).parent / "static" / "docs.html"
 # Everything the page needs is served from here; the policy keeps it so.
@@ -22,6 +19,9 @@ _DOCS_HEADERS = {
 }
 
 router = APIRouter()
+metrics_router = APIRouter()
+docs_router = APIRouter()
+KEY = [Depends(require_key)]
 
 
 def _runtime(request: Request) -> Runtime:
@@ -31,30 +31,11 @@ def _runtime(request: Request) -> Runtime:
 RuntimeOf = Annotated[Runtime, Depends(_runtime)]
 
 
-async def _detect(request: Request, runtime: Runtime, options: Options) -> bytes:
-    settings = runtime.settings
-    detector = runtime.detector
-    limits = MeshLimits(settings.max_vertices, settings.max_faces)
-    with runtime.pool.admit() as place:
-        upload = await read_upload(request, settings.max_upload_bytes)
-
-        def work() -> bytes:
-            response = parse_and_detect(detector, upload.data, upload.filename, options, limits)
-            return to_json(response, options.include)
-
-        return await place.run(request, work)
-
-
-@router.post("/detect", **openapi.DETECT)
+@router.post("/detect", dependencies=KEY, **openapi.DETECT)
 async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()], runtime: RuntimeOf) -> Response:
     """Find the mirror planes and rotation axes of one mesh, in the file's own coordinates."""
-    options = Options(query.mode, query.max_error, frozenset(query.include))
-    seconds = runtime.settings.deadline_s
-    try:
-        async with asyncio.timeout(seconds):
-            return Response(await _detect(request, runtime, options), media_type="application/json")
-    except TimeoutError as error:
-        raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
+    response = await answer(request, runtime, query)
+    return Response(schemas.to_json(response, query.include), media_type="application/json")
 
 
 @router.get("/health", **openapi.HEALTH)
@@ -70,37 +51,45 @@ async def live() -> schemas.Health:
     return schemas.Health(status="alive")
 
 
-@router.get("/model", **openapi.MODEL)
+@router.get("/model", dependencies=KEY, **openapi.MODEL)
 async def model_card(runtime: RuntimeOf) -> schemas.ModelCard:
     """The model card of the served weights, and the limits of a request."""
-    detector = runtime.detector
+    card, settings = runtime.card, runtime.settings
     return schemas.ModelCard(
-        name=detector.name,
-        version=detector.version,
-        sha256=detector.sha256,
+        name=card.name,
+        version=card.version,
+        sha256=card.sha256,
         service_version=__version__,
-        metadata=dict(detector.metadata),
-        limits=_limits(runtime.settings),
+        metadata=card.metadata,
+        limits=schemas.Limits(
+            max_upload_bytes=settings.max_upload_bytes,
+            max_vertices=settings.max_vertices,
+            max_faces=settings.max_faces,
+            max_nodes=settings.max_nodes,
+            max_unpacked_bytes=settings.max_unpacked_bytes,
+            memory_bytes=settings.worker_memory_bytes,
+            upload_s=settings.upload_s,
+            stall_s=settings.stall_s,
+            parse_s=settings.parse_s,
+            deadline_s=settings.deadline_s,
+            formats=card.formats,
+        ),
     )
 
 
-def _limits(settings: Settings) -> schemas.Limits:
-    return schemas.Limits(
-        max_upload_bytes=settings.max_upload_bytes,
-        max_vertices=settings.max_vertices,
-        max_faces=settings.max_faces,
-        deadline_s=settings.deadline_s,
-        formats=list(SUPPORTED_FORMATS),
-    )
+@metrics_router.get("/metrics", dependencies=KEY, **openapi.METRICS)
+async def metrics(runtime: RuntimeOf) -> Response:
+    """Counters, gauges and histograms for Prometheus."""
+    return Response(runtime.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
 
 
-@router.get("/", include_in_schema=False)
+@docs_router.get("/", include_in_schema=False)
 async def home() -> Response:
     """The documentation stands in for a home page."""
     return RedirectResponse("docs")
 
 
-@router.get("/docs", include_in_schema=False)
+@docs_router.get("/docs", include_in_schema=False)
 async def docs() -> Response:
     """Swagger UI, from files of this package: nothing is fetched from elsewhere."""
     return FileResponse(_DOCS_PAGE, headers=_DOCS_HEADERS)

@@ -1,16 +1,20 @@
-"""The life of one server process: start, warm up, serve, drain, stop."""
+"""The life of one server process: start, serve, drain, stop."""
 
 import asyncio
+import hashlib
 import logging
 from collections.abc import Callable
 from enum import Enum
+from typing import TYPE_CHECKING
 
-from app.detection import SymmetryDetector
-from app.pool import WorkPool
+from app.metrics import Metrics
 from app.problems import NOT_READY, ProblemError
 from app.settings import Settings
-from app.warmup import warm_up
-from model.errors import CheckpointError
+from app.workers.factory import Card, Launch, StartError, launcher
+from app.workers.pool import WorkerPool
+
+if TYPE_CHECKING:
+    from app.detection import SymmetryDetector
 
 logger = logging.getLogger("prsnet")
 
@@ -24,7 +28,10 @@ class State(Enum):
     FAILED = "The service could not load its weights; its log says why."
 
 
-def load_detector(weights: str) -> SymmetryDetector:
+_NO_WORKER = "All workers have died and are being replaced; send the request to another instance."
+
+
+def load_detector(weights: str) -> "SymmetryDetector":
     """The real detector with ``weights``.
 
     Raises:
@@ -36,52 +43,62 @@ def load_detector(weights: str) -> SymmetryDetector:
 
 
 class Runtime:
-    """Settings, worker pool, detector and state, held by the application as ``app.state.runtime``."""
+    """Settings, worker pool and state, held by the application as ``app.state.runtime``."""
 
-    def __init__(self, settings: Settings, detector: SymmetryDetector | None = None) -> None:
+    def __init__(self, settings: Settings, launch: Launch | None = None) -> None:
         self.settings = settings
-        self.pool = WorkPool(settings.workers, settings.queue)
+        self.pool = WorkerPool(settings, launch or launcher(settings.weights))
         self.state = State.STARTING
+        self.uploading = 0
+        keys = filter(None, (key.strip() for key in settings.api_keys.get_secret_value().split(",")))
+        self.key_digests = [hashlib.sha256(key.encode()).digest() for key in keys]
+        self.metrics = Metrics()
+        self.pool.on_restart = self.metrics.count_restart
+        self._watch()
         self.on_failure: Callable[[], None] = lambda: None
-        self._detector = detector
         self._starting: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Load the weights and warm up on a worker, while the event loop already answers."""
+        """Load the weights and start the workers, while the event loop already answers."""
         self._starting = asyncio.create_task(self._start())
 
     async def _start(self) -> None:
         try:
-            self._detector = await asyncio.wrap_future(self.pool.submit(self._load))
+            card = await self.pool.start()
         except Exception as error:
-            expected = isinstance(error, CheckpointError)  # its message says all; anything else is a defect
-            logger.error("start-up failed: %s", error, exc_info=not expected)
+            logger.error("start-up failed: %s", error, exc_info=not isinstance(error, StartError))
             self.state = State.FAILED
             self.on_failure()
             return
         if self.state is State.STARTING:
             self.state = State.READY
-            logger.info("ready: %s %s", self._detector.name, self._detector.version)
+            self.metrics.set_model(card.name, card.version, card.sha256)
+            logger.info("ready: %s %s", card.name, card.version)
 
-    def _load(self) -> SymmetryDetector:
-        detector = self._detector or load_detector(self.settings.weights)
-        warm_up(detector)
-        return detector
+    def _watch(self) -> None:
+        watch, pool = self.metrics.watch, self.pool
+        watch("uploading", "Uploads being received.", lambda: self.uploading)
+        watch("jobs_admitted", "Requests that hold a place in the queue or a worker.", lambda: pool.admitted)
+        watch("jobs_running", "Jobs being worked on.", lambda: pool.running)
+        watch("queue_depth", "Requests that wait for a worker.", lambda: pool.admitted - pool.running)
+        watch("queue_capacity", "Requests that may wait for a worker.", lambda: self.settings.queue)
+        watch("workers_live", "Workers there are, the spare one included.", lambda: pool.live)
+        watch("ready", "1 when requests are welcome.", lambda: self.state is State.READY and pool.live > 0)
 
     def drain(self) -> None:
         """From now on ``GET /health`` says 503, to send traffic elsewhere; what comes is still served."""
         self.state = State.DRAINING
 
     async def stop(self) -> None:
-        """Drain, and let the workers finish what runs for up to the deadline."""
+        """Drain, let the workers finish what runs for up to the deadline, and end them."""
         self.drain()
         if self._starting is not None:
             self._starting.cancel()
-        self.pool.close(wait=False)
         for _ in range(round(self.settings.deadline_s * 20)):
             if self.pool.admitted == 0:
-                return
+                break
             await asyncio.sleep(0.05)
+        await self.pool.close()
 
     def require_ready(self) -> None:
         """Pass when a request would be served and more are welcome.
@@ -91,14 +108,16 @@ class Runtime:
         """
         if self.state is not State.READY:
             raise ProblemError(NOT_READY, self.state.value, {"Retry-After": "1"})
+        if self.pool.live == 0:
+            raise ProblemError(NOT_READY, _NO_WORKER, {"Retry-After": "1"})
 
     @property
-    def detector(self) -> SymmetryDetector:
-        """The warmed-up detector; it stays in service while draining.
+    def card(self) -> Card:
+        """What is served; it stays in service while draining.
 
         Raises:
             ProblemError: ``not-ready`` (503, with ``Retry-After``).
         """
-        if self._detector is None or self.state in (State.STARTING, State.FAILED):
+        if self.pool.card is None or self.state in (State.STARTING, State.FAILED):
             raise ProblemError(NOT_READY, self.state.value, {"Retry-After": "1"})
-        return self._detector
+        return self.pool.card

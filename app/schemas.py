@@ -1,5 +1,6 @@
 """The JSON this service answers with. Every coordinate is in the input frame, every number finite."""
 
+from collections.abc import Collection
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -162,6 +163,12 @@ class DetectResponse(Schema):
     bop: Bop | None = Field(default=None, description="Only with `include=bop`.")
 
 
+def to_json(response: DetectResponse, include: Collection[Include]) -> bytes:
+    """The response as UTF-8 JSON, without the members that were not asked for; numbers keep all digits."""
+    left_out = {"rejected", "bop"} - set(include)
+    return response.model_dump_json(exclude=left_out, by_alias=True).encode()
+
+
 class Health(Schema):
     """The service's state."""
 
@@ -174,7 +181,13 @@ class Limits(Schema):
     max_upload_bytes: int
     max_vertices: int
     max_faces: int
-    deadline_s: float
+    max_nodes: int = Field(description="Nodes, objects and placements of a scene.")
+    max_unpacked_bytes: int = Field(description="Bytes that a 3MF file may unpack to.")
+    memory_bytes: int = Field(description="Memory that reading and computing may use.")
+    upload_s: float = Field(description="Seconds an upload may take.")
+    stall_s: float = Field(description="Seconds it may pause.")
+    parse_s: float = Field(description="Seconds the reading of a file may take.")
+    deadline_s: float = Field(description="Seconds a request may take in total.")
     formats: list[str]
 
 

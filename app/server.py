@@ -2,14 +2,15 @@
 
 import logging
 import math
-import os
 import signal
 import time
 from types import FrameType
 
 import uvicorn
 
+from app import logs
 from app.main import create_app
+from app.protocol import bounded
 from app.runtime import Runtime
 from app.settings import Settings
 
@@ -46,8 +47,8 @@ class DrainingServer(uvicorn.Server):
 
 
 def serve(settings: Settings) -> int:
-    """Serve until a signal. The exit code is 0, or 1 when start-up failed or work had to be abandoned."""
-    logging.basicConfig(level=settings.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    """Serve until a signal. The exit code is 0, or 1 when start-up failed."""
+    logs.configure(settings)
     app = create_app(settings)
     runtime: Runtime = app.state.runtime
     config = uvicorn.Config(
@@ -57,6 +58,8 @@ def serve(settings: Settings) -> int:
         log_config=None,
         access_log=False,  # the middleware logs one line a request, with its id
         server_header=False,
+        http=bounded(settings),
+        ws="none",
         timeout_keep_alive=settings.keep_alive_s,
         timeout_graceful_shutdown=math.ceil(settings.deadline_s) + 1,
         lifespan="on",
@@ -70,10 +73,4 @@ def serve(settings: Settings) -> int:
 
     runtime.on_failure = give_up
     server.run()
-    code = 1 if failures else 0
-    if runtime.pool.busy:
-        # Threads cannot be stopped, and the interpreter would wait for them for ever.
-        logger.error("abandoning work that outlived the deadline or the start-up")
-        logging.shutdown()
-        os._exit(1)
-    return code
+    return 1 if failures else 0

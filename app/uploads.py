@@ -1,18 +1,20 @@
 """Reads one mesh file out of a multipart/form-data request while it streams in.
 
-The body is parsed chunk by chunk into memory: nothing is spooled to disk (the service runs on a read-only
-file system), and no more than the limit is ever held. Bytes are counted as they arrive.
+Bytes are counted as they arrive. A small file stays in memory, a larger one goes to disk (see ``app.spool``); a client
+that sends too slowly is told so.
 """
 
+import asyncio
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from app.problems import MALFORMED, UPLOAD_TOO_LARGE, ProblemError
+from app.problems import MALFORMED, OVERLOADED, UPLOAD_TOO_LARGE, UPLOAD_TOO_SLOW, ProblemError
+from app.settings import Settings
+from app.spool import Spool, Upload
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -20,14 +22,6 @@ if TYPE_CHECKING:
 FIELD = "file"
 _CURL = "curl -F file=@chair.obj URL"
 _MAX_NAME = 255
-
-
-@dataclass(frozen=True, slots=True)
-class Upload:
-    """An uploaded file: its sanitised base name and its bytes."""
-
-    filename: str
-    data: bytes
 
 
 def base_name(name: str) -> str:
@@ -51,10 +45,10 @@ def _too_large(limit: int) -> ProblemError:
 class _Form:
     """Collects the only part a request may have: the field ``file`` with a file name."""
 
-    def __init__(self, boundary: bytes) -> None:
+    def __init__(self, boundary: bytes, spool: Spool) -> None:
         self.filename: str | None = None
-        self.data = bytearray()
         self.complete = False
+        self._spool = spool
         self._header_name = b""
         self._header_value = b""
         self._disposition = b""
@@ -101,7 +95,7 @@ class _Form:
             raise _malformed(f'The field "{FIELD}" has an empty file name, and the format is told from its extension.')
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
-        self.data += memoryview(data)[start:end]
+        self._spool.write(memoryview(data)[start:end])
 
     def _end(self) -> None:
         self.complete = True
@@ -113,32 +107,61 @@ def _declared_length(request: Request) -> int:
     return int(value) if value.isascii() and value.isdigit() and len(value) < 20 else 0
 
 
-async def read_upload(request: Request, limit: int) -> Upload:
-    """The file of a multipart request whose body is at most ``limit`` bytes.
+async def read_upload(request: Request, settings: Settings) -> Upload:
+    """The file of a multipart request whose body is at most ``settings.max_upload_bytes``; the caller closes it.
 
     A larger ``Content-Length`` is refused before anything is read, a larger body once the limit is passed.
 
     Raises:
-        ProblemError: ``upload-too-large`` (413) or ``malformed-request`` (400).
+        ProblemError: ``upload-too-large`` (413), ``malformed-request`` (400), ``upload-too-slow`` (408), or
+            ``overloaded`` (503) where the disk is full.
         starlette.requests.ClientDisconnect: the client left.
     """
     kind, options = parse_options_header(request.headers.get("content-type"))
     if kind != b"multipart/form-data" or not options.get(b"boundary"):
         raise _malformed("The request is not multipart/form-data with a boundary.")
-    if _declared_length(request) > limit:
-        raise _too_large(limit)
-    received = 0
+    if _declared_length(request) > settings.max_upload_bytes:
+        raise _too_large(settings.max_upload_bytes)
+    spool = Spool(settings.spool_bytes, settings.spool_dir)
     try:
-        form = _Form(options[b"boundary"])
-        async for chunk in request.stream():
-            received += len(chunk)
-            if received > limit:
-                raise _too_large(limit)
-            form.feed(chunk)
+        name = await _receive(request, options[b"boundary"], spool, settings)
+        return spool.finish(name)
     except FormParserError as error:
+        spool.close()
         raise _malformed("The multipart body is not well formed.") from error
+    except OSError as error:
+        spool.close()
+        raise ProblemError(
+            OVERLOADED, "There is no room to keep the upload. Try again in a minute.", {"Retry-After": "60"}
+        ) from error
+    except BaseException:
+        spool.close()
+        raise
+
+
+async def _receive(request: Request, boundary: bytes, spool: Spool, settings: Settings) -> str:
+    """Feed the body to the spool; the file's name."""
+    form = _Form(boundary, spool)
+    received = 0
+    end = asyncio.get_running_loop().time() + settings.upload_s
+    chunks = request.stream()
+    while True:
+        patience = min(asyncio.get_running_loop().time() + settings.stall_s, end)
+        try:
+            async with asyncio.timeout_at(patience):
+                chunk = await anext(chunks, None)
+        except TimeoutError as error:
+            detail = f"An upload may take {settings.upload_s:g} seconds, and pause for {settings.stall_s:g}."
+            # The connection is of no more use: what the client may still send is not waited for.
+            raise ProblemError(UPLOAD_TOO_SLOW, detail, {"Connection": "close"}) from error
+        if chunk is None:
+            break
+        received += len(chunk)
+        if received > settings.max_upload_bytes:
+            raise _too_large(settings.max_upload_bytes)
+        form.feed(chunk)
     if not form.complete:
         raise _malformed("The multipart body ends before its closing boundary." if received else "The body is empty.")
     if form.filename is None:
         raise _malformed(f'The form has no field "{FIELD}".')
-    return Upload(form.filename, bytes(form.data))
+    return form.filename

@@ -1,9 +1,15 @@
 """What makes the first request as fast as the next: the kernels of detector and readers are ready."""
 
+import contextlib
+import encodings
+import importlib
+import pkgutil
 import struct
 from collections.abc import Iterable
+from typing import get_args
 
-from app.detection import SymmetryDetector
+from app.detection import MeshLimits, Options, SymmetryDetector, parse_and_detect
+from app.schemas import Include, Mode, to_json
 from model.formats import read_mesh
 
 _CORNERS = [(x, 2 * y, 3 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
@@ -19,10 +25,20 @@ _PLY_HEADER = (
 
 
 def warm_up(detector: SymmetryDetector) -> None:
-    """Warm up the detector, then the readers on small files of every format that has kernels."""
+    """Warm up the detector, the readers on small files of every format that has kernels, and the way to an answer.
+
+    A worker may open no file: whatever is imported, compiled or read from a cache at first use is used here.
+    """
     detector.warm_up()
     for name, data in sample_files():
         read_mesh(data, name)
+    name, data = sample_files()[0]
+    for mode in get_args(Mode):
+        options = Options(mode, include=get_args(Include))
+        to_json(parse_and_detect(detector, data, name, options, MeshLimits()), options.include)
+    for module in pkgutil.iter_modules(encodings.__path__):
+        with contextlib.suppress(ImportError):  # some are for other systems
+            importlib.import_module(f"encodings.{module.name}")
 
 
 def sample_files() -> list[tuple[str, bytes]]:

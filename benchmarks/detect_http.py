@@ -132,7 +132,7 @@ def main() -> None:
     parser.add_argument("--file", type=Path, help="mesh to send (default: a generated OBJ of 4,608 faces)")
     parser.add_argument("--requests", type=int, default=200, help="requests of each client (default: 200)")
     parser.add_argument("--clients", type=int, default=1, help="clients at a time (default: 1)")
-    parser.add_argument("--workers", type=int, default=1, help="worker threads of the server (default: 1)")
+    parser.add_argument("--workers", type=int, default=1, help="worker processes of the server (default: 1)")
     parser.add_argument("--mode", choices=("full", "paper"), default="full")
     parser.add_argument("--seconds", type=float, default=60.0, help="longest time to measure (default: 60)")
     options = parser.parse_args()

@@ -4,6 +4,7 @@ import posixpath
 import zipfile
 import zlib
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import TypeAlias
@@ -19,10 +20,9 @@ _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/"
 _PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/"
 _RELATIONS = "_rels/.rels"
 _DEFAULT_MODEL = "3D/3dmodel.model"
-_MOST_BYTES = 1 << 30  # of all parts that are read, unpacked
-_TOO_LARGE = "The 3MF file unpacks to more than 1 GiB."
-_MOST_INSTANCES = 1 << 20
+_DEEPEST = 100  # elements within elements; the format needs ten
 _CHUNK = 1 << 18
+_LONGEST_ELEMENT = 1 << 22
 _UNITS = ("micron", "millimeter", "centimeter", "inch", "foot", "meter")
 
 _Key: TypeAlias = tuple[str, str]  # part of the archive, object id
@@ -71,7 +71,8 @@ class _Package:
         self._archive = archive
         self._limits = limits
         self._sizes = {info.filename.lower(): info for info in archive.infolist()}
-        self._budget = _MOST_BYTES
+        self._budget = limits.max_unpacked_bytes
+        self._nodes = 0
         self._read: set[str] = set()
         self.objects: dict[_Key, _Object] = {}
         self.build: list[_Reference] = []
@@ -83,6 +84,14 @@ class _Package:
         self._read.add(part)
         reader = _PartReader(self, part, self._limits)
         self._parse(part, reader.begin, reader.end)
+
+    def count_node(self) -> None:
+        """One more object, component or build item."""
+        self._nodes += 1
+        self._limits.check(nodes=self._nodes)
+
+    def _too_large(self) -> MeshTooLargeError:
+        return MeshTooLargeError(f"The 3MF file unpacks to more than {self._limits.max_unpacked_bytes} bytes.")
 
     def missing_parts(self) -> list[str]:
         """Other parts that objects refer to; those in turn may not refer further."""
@@ -102,25 +111,43 @@ class _Package:
             self._parse(_RELATIONS, begin, _nothing)
         return _part_name(found[0] if found else _DEFAULT_MODEL, "")
 
-    def _parse(self, part: str, begin: object, end: object) -> None:
+    def _parse(self, part: str, begin: Callable[[str, dict[str, str]], None], end: Callable[[str], None]) -> None:
         info = self._sizes.get(part.lower())
         if info is None:
             raise UnreadableMeshError("The 3MF file lacks a part that it refers to.")
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise UnreadableMeshError("The 3MF file is compressed in a way that 3MF does not allow.")
         if info.file_size > self._budget:
-            raise MeshTooLargeError(_TOO_LARGE)
+            raise self._too_large()
         parser = expat.ParserCreate(namespace_separator=" ")
-        parser.StartElementHandler = begin  # pyright: ignore[reportAttributeAccessIssue]
-        parser.EndElementHandler = end  # pyright: ignore[reportAttributeAccessIssue]
+        depth, fed = 0, 0
+
+        def opened(name: str, attributes: dict[str, str]) -> None:
+            nonlocal depth
+            depth += 1
+            if depth > _DEEPEST:
+                raise UnreadableMeshError("The 3MF file nests its elements too deeply.")
+            begin(name, attributes)
+
+        def closed(name: str) -> None:
+            nonlocal depth
+            depth -= 1
+            end(name)
+
+        parser.StartElementHandler = opened
+        parser.EndElementHandler = closed
         parser.StartDoctypeDeclHandler = _refuse_doctype
         parser.buffer_text = True
         with self._archive.open(info) as stream:
             while chunk := stream.read(_CHUNK):
                 self._budget -= len(chunk)
                 if self._budget < 0:
-                    raise MeshTooLargeError(_TOO_LARGE)
+                    raise self._too_large()
+                fed += len(chunk)
                 parser.Parse(chunk, False)
+                # The parser reads an unfinished element again with every chunk: a long one would cost its square.
+                if fed - parser.CurrentByteIndex > _LONGEST_ELEMENT:
+                    raise UnreadableMeshError("The 3MF file has an element that is too long.")
             parser.Parse(b"", True)
 
 
@@ -154,6 +181,7 @@ class _PartReader:
         elif local == "component" and item is not None:
             item.components.append(self._reference(attributes))
         elif local == "object":
+            self._package.count_node()
             self._object = _Object(attributes.get("type", "model"))
             self._package.objects[self._part, attributes["id"]] = self._object
         elif local == "item" and self._part == self._package.start:
@@ -171,6 +199,7 @@ class _PartReader:
             self._object = None
 
     def _reference(self, attributes: dict[str, str]) -> _Reference:
+        self._package.count_node()
         paths = [value for name, value in attributes.items() if name.startswith(_PRODUCTION) and name.endswith(" path")]
         part = _part_name(paths[0], self._part) if paths else self._part
         matrix = np.eye(4)[:, :3].copy()
@@ -191,8 +220,8 @@ def _flatten(objects: dict[_Key, _Object], build: list[_Reference], units: str, 
     for item in build:
         more = _count(objects, item.target, counts, ())
         vertices, faces, instances = vertices + more[0], faces + more[1], instances + more[2]
-        limits.check(vertices, faces)
-        if instances > _MOST_INSTANCES or max(vertices, faces) > 2**31 - 1:
+        limits.check(vertices, faces, instances)
+        if max(vertices, faces) > 2**31 - 1:
             raise MeshTooLargeError("The 3MF file places too many objects.")
     points = np.empty((vertices, 3))
     triangles = np.empty((faces, 3), dtype=np.int32)

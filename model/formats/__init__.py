@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 from model.errors import MeshError, UnreadableMeshError, UnsupportedFormatError
 from model.formats._3mf import is_zip, read_3mf
-from model.formats._common import Limits, RawMesh
+from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, RawMesh
 from model.formats._gltf import read_glb, read_gltf
 from model.formats._obj import read_obj
 from model.formats._off import is_off, read_off
@@ -27,7 +27,15 @@ SUPPORTED_FORMATS: tuple[str, ...] = tuple(_READERS)
 _OBJ_LINE = re.compile(rb"^[ \t]*(v|f)[ \t]+[-+.0-9]", re.MULTILINE)
 
 
-def read_mesh(data: bytes, filename: str, *, max_vertices: int | None = None, max_faces: int | None = None) -> Mesh:
+def read_mesh(
+    data: bytes,
+    filename: str,
+    *,
+    max_vertices: int | None = None,
+    max_faces: int | None = None,
+    max_nodes: int = MOST_NODES,
+    max_unpacked_bytes: int = MOST_UNPACKED_BYTES,
+) -> Mesh:
     """The mesh a file holds, in the file's own coordinates.
 
     Scene transforms are applied and all bodies joined into one mesh. Vertices at the same place are not merged, and
@@ -38,13 +46,16 @@ def read_mesh(data: bytes, filename: str, *, max_vertices: int | None = None, ma
         filename: its name; only the extension counts.
         max_vertices: the largest number of vertices accepted, or None for any.
         max_faces: the same for triangles.
+        max_nodes: the largest number of nodes, objects and placements of a scene.
+        max_unpacked_bytes: the most bytes that the parts of a 3MF archive unpack to.
 
     Raises:
         UnsupportedFormatError: there is no reader for the extension, or the content is another format than it says.
         UnreadableMeshError: the content is damaged, incomplete, or refers to other files for its geometry.
         EmptyMeshError: there are no faces.
         DegenerateMeshError: NaN or infinite coordinates, an index out of range, no extent or no area.
-        MeshTooLargeError: there are more vertices or faces than allowed.
+        MeshTooLargeError: there is more of something than allowed.
+        MemoryError: the process has less memory than the file asks for.
     """
     kind = PurePath(filename).suffix[1:].lower()
     if kind not in _READERS:
@@ -57,12 +68,12 @@ def read_mesh(data: bytes, filename: str, *, max_vertices: int | None = None, ma
         raise UnsupportedFormatError(
             f"The file is named .{kind} but contains {content.upper()}; rename it to .{content}."
         )
-    limits = Limits(max_vertices, max_faces)
+    limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes)
     try:
         raw = _READERS[kind](data, limits)
         limits.check(len(raw.vertices), len(raw.faces))
         return Mesh.checked(raw.vertices, raw.faces, source_format=kind, units=raw.units)
-    except MeshError:
+    except (MeshError, MemoryError, ImportError):  # the last two are the process's fault
         raise
     except Exception as error:  # whatever a damaged file provokes is the file's fault, not the caller's
         raise UnreadableMeshError(f"The file cannot be read as {kind.upper()}.") from error

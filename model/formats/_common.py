@@ -8,6 +8,12 @@ from model._jit import jit, kernel_array
 from model.errors import MeshTooLargeError, UnreadableMeshError
 from model.types import AnyArray, FloatArray, IntArray
 
+MOST_NODES = 1 << 20
+"""Nodes, objects and placements of a scene, unless the caller says otherwise."""
+
+MOST_UNPACKED_BYTES = 1 << 30
+"""Bytes that the parts of an archive unpack to, unless the caller says otherwise."""
+
 
 @dataclass(frozen=True, slots=True)
 class RawMesh:
@@ -20,13 +26,17 @@ class RawMesh:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The largest mesh the caller accepts; None means any."""
+    """The largest file the caller accepts, by what is in it; None means any."""
 
     max_vertices: int | None = None
     max_faces: int | None = None
+    max_nodes: int = MOST_NODES
+    max_unpacked_bytes: int = MOST_UNPACKED_BYTES
 
-    def check(self, vertices: int = 0, faces: int = 0) -> None:
+    def check(self, vertices: int = 0, faces: int = 0, nodes: int = 0) -> None:
         """Raise MeshTooLargeError if the counts, known or announced by a header, are beyond the limits."""
+        if nodes > self.max_nodes:
+            raise MeshTooLargeError(f"The file places more than {self.max_nodes} objects.")
         if self.max_vertices is not None and vertices > self.max_vertices:
             raise MeshTooLargeError(f"The mesh has more than {self.max_vertices} vertices.")
         if self.max_faces is not None and faces > self.max_faces:

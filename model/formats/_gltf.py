@@ -116,6 +116,7 @@ class _Reader:
             if index in visited or index < 0:
                 raise UnreadableMeshError("The glTF file has a node with more than one parent.")
             visited.add(index)
+            self._limits.check(nodes=len(visited))
             node = nodes[index]
             matrix = parent @ _local_matrix(node)
             if "mesh" in node:
@@ -158,25 +159,36 @@ class _Reader:
         vertices: list[FloatArray] = []
         faces: list[IntArray] = [no_faces()]
         starts: dict[int, tuple[int, int]] = {}
-        total = 0
+        total, made = 0, 0
         for primitive in mesh["primitives"]:
             mode = primitive.get("mode", _TRIANGLES)
             if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in primitive["attributes"]:
                 continue
             position = primitive["attributes"]["POSITION"]
             if position not in starts:
+                self._limits.check(vertices=total + self._count(position))
                 points = self._accessor(position, 3).astype(np.float64)
                 starts[position] = total, len(points)
                 vertices.append(points)
                 total += len(points)
-                self._limits.check(vertices=total)
             start, count = starts[position]
             if "indices" in primitive:
+                self._check_faces(primitive["indices"], mode, made)
                 indices = as_indices(self._accessor(primitive["indices"], 1).reshape(-1))
             else:
                 indices = np.arange(count, dtype=np.int32)
             faces.append(_triangles(indices, mode) + np.int32(start))
+            made += len(faces[-1])
+            self._limits.check(faces=made)
         return _Body(np.concatenate(vertices) if vertices else np.empty((0, 3)), np.concatenate(faces))
+
+    def _count(self, index: int) -> int:
+        return max(int(self._json["accessors"][index]["count"]), 0)
+
+    def _check_faces(self, index: int, mode: int, made: int) -> None:
+        """Primitives may share indices: a few bytes of JSON can ask for as many triangles as there are bytes."""
+        count = self._count(index)
+        self._limits.check(faces=made + (count // 3 if mode == _TRIANGLES else max(count - 2, 0)))
 
     def _accessor(self, index: int, width: int) -> AnyArray:
         if index < 0:

@@ -14,6 +14,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
 _LONGEST_HEADER = 1 << 20
+_MOST_PROPERTIES = 1000
 
 
 def read_ply(data: bytes, limits: Limits) -> RawMesh:
@@ -33,8 +34,7 @@ def read_ply(data: bytes, limits: Limits) -> RawMesh:
             places = [element.find(axis) for axis in "xyz"]
             if min(places) < 0:
                 raise UnreadableMeshError("The PLY file has vertices without x, y or z.")
-            columns = table.columns(element)
-            vertices = to_float64([columns[place] for place in places])
+            vertices = to_float64(table.columns(element, places))
         elif element.name == "face" and wanted >= 0 and element.properties[wanted].count:
             lists = table.lists(element, wanted)
             faces.append(fan(lists.items, lists.lengths, limits))
@@ -69,6 +69,8 @@ def _read_header(data: bytes) -> tuple[str | None, list[Element], int]:
                 elements[-1].properties.append(Property(words[2], _TYPES[words[1]], None))
         except (KeyError, IndexError, ValueError) as error:
             raise UnreadableMeshError("The PLY header has a line that is not understood.") from error
+    if sum(len(element.properties) for element in elements) > _MOST_PROPERTIES:
+        raise UnreadableMeshError(f"The PLY header has more than {_MOST_PROPERTIES} properties.")
     if order == "":
         raise UnreadableMeshError("The PLY header names no format.")
     if any(element.rows < 0 for element in elements):

@@ -51,14 +51,14 @@ class BinaryTable:
         self._at = start
         self._order = order
 
-    def columns(self, element: Element) -> list[AnyArray]:
-        """All scalar properties; a list counts as an empty column."""
+    def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
+        """The scalar properties at some places; a list counts as an empty column."""
         if any(entry.count for entry in element.properties):
-            return [self._scalar(element, index) for index in range(len(element.properties) - 1)] + [
-                self._scalar(element, len(element.properties) - 1, advance=True)
-            ]
+            columns = [self._scalar(element, index) for index in places]
+            self.skip(element)
+            return columns
         rows = self._records(element, {})
-        return [rows[f"p{index}"] for index in range(len(element.properties))]
+        return [rows[f"p{index}"] for index in places]
 
     def lists(self, element: Element, wanted: int) -> Lists:
         """One list property of every row."""
@@ -80,8 +80,8 @@ class BinaryTable:
         else:
             self._records(element, {})
 
-    def _scalar(self, element: Element, wanted: int, advance: bool = False) -> AnyArray:
-        starts, lengths = self._walk(element, wanted, advance)
+    def _scalar(self, element: Element, wanted: int) -> AnyArray:
+        starts, lengths = self._walk(element, wanted, advance=False)
         if element.properties[wanted].count:
             return np.empty(0)
         return self._gather(starts, lengths, element.properties[wanted].item)
@@ -198,21 +198,21 @@ class TextTable:
         self._numbers = parse_numbers(np.frombuffer(data, np.uint8)[start:])[0]
         self._at = 0
 
-    def columns(self, element: Element) -> list[AnyArray]:
-        """All scalar properties; a list counts as an empty column."""
+    def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
+        """The scalar properties at some places; a list counts as an empty column."""
         width = len(element.properties)
         if any(entry.count for entry in element.properties):
             start = self._at
             result: list[AnyArray] = []
-            for index, entry in enumerate(element.properties):
+            for index in places:
                 self._at = start
                 lists = self.lists(element, index)
-                result.append(np.empty(0) if entry.count else lists.items)
+                result.append(np.empty(0) if element.properties[index].count else lists.items)
             return result
         self._need(element.rows * width)
         rows = self._numbers[self._at : self._at + element.rows * width].reshape(element.rows, width)
         self._at += element.rows * width
-        return [rows[:, index] for index in range(width)]
+        return [rows[:, index] for index in places]
 
     def lists(self, element: Element, wanted: int) -> Lists:
         """One property of every row."""

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from app.workers.wire import Job
+
 from .fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
@@ -15,6 +17,15 @@ async def until(condition: Callable[[], bool]) -> None:
     async with asyncio.timeout(20):
         while not condition():
             await asyncio.sleep(0.005)
+
+
+def alive(pid: int) -> bool:
+    """Whether a process of this id runs; one that ended and waits to be reaped does not."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 async def test_requests_beyond_workers_and_queue_are_refused_at_once(
@@ -35,19 +46,42 @@ async def test_requests_beyond_workers_and_queue_are_refused_at_once(
         assert (await client.post("/detect", files=files)).status_code == 200
 
 
-async def test_deadline_frees_the_place_only_when_the_work_ends(
+async def test_deadline_ends_the_work_and_frees_its_worker(
     serving: Serving, detector: FakeDetector, chair: bytes, assert_problem: Any
 ) -> None:
     files = {"file": ("chair.obj", chair)}
     detector.gate.clear()
-    async with serving(detector, workers=1, queue=1, deadline_s=0.3) as (client, runtime):
+    lost: list[str] = []
+    async with serving(detector, workers=1, queue=1, deadline_s=1.0) as (client, runtime):
+        runtime.pool.on_restart = lost.append
         first, second = await asyncio.gather(*[client.post("/detect", files=files) for _ in range(2)])
         for response in (first, second):
             assert_problem(response, "deadline-passed", 504)
-        await until(lambda: runtime.pool.admitted == 1)  # the one that runs; the one that waited was dropped
-        detector.gate.set()
-        await until(lambda: runtime.pool.admitted == 0)
-        assert len(detector.calls) == 1
+        assert runtime.pool.admitted == 0
+        # The one that waited had the worker for a moment if its deadline came a little later.
+        assert set(lost) == {"deadline"}
+        await until(lambda: not alive(detector.calls[0]["pid"]))
+        detector.gate.set()  # only now could that work have ended by itself
+        assert (await client.post("/detect", files=files)).status_code == 200
+        assert detector.calls[-1]["pid"] != detector.calls[0]["pid"]
+
+
+def endless() -> None:
+    """Uses up processor time."""
+    while True:
+        pass
+
+
+async def test_work_is_bounded_even_where_the_server_does_not_end_it(
+    serving: Serving, detector: FakeDetector, chair: bytes, assert_problem: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector.action = endless
+    async with serving(detector, workers=1) as (client, runtime):
+        monkeypatch.setattr("app.detect.Job", lambda **members: Job(**(members | {"cpu_s": 0.0})))
+        response = await client.post("/detect", files={"file": ("chair.obj", chair)})
+        document = assert_problem(response, "deadline-passed", 504)
+        assert "processor time" in document["detail"]
+        await until(lambda: runtime.pool.live == 2)
 
 
 async def test_deadline_covers_the_upload(serving: Serving, detector: FakeDetector, assert_problem: Any) -> None:
@@ -62,7 +96,10 @@ async def test_deadline_covers_the_upload(serving: Serving, detector: FakeDetect
         assert runtime.pool.admitted == 0
 
 
-async def test_work_of_a_client_that_left_is_dropped(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
+@pytest.mark.parametrize("place", ["running", "waiting"])
+async def test_work_of_a_client_that_left_is_dropped(
+    serving: Serving, detector: FakeDetector, chair: bytes, place: str
+) -> None:
     """The request is made by hand, because httpx's in-memory transport cannot hang up."""
     body = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.obj"\r\n\r\n' + chair + b"\r\n--b--\r\n"
     scope = {
@@ -71,22 +108,33 @@ async def test_work_of_a_client_that_left_is_dropped(serving: Serving, detector:
         "headers": [(b"content-type", b"multipart/form-data; boundary=b")],
     }  # fmt: skip
     detector.gate.clear()
+    before = place == "waiting"  # whether another request has the only worker
+    lost: list[str] = []
     async with serving(detector, workers=1, queue=1) as (client, runtime):
-        running = asyncio.create_task(client.post("/detect", files={"file": ("chair.obj", chair)}))
-        await until(lambda: len(detector.calls) == 1)
-        messages = [{"type": "http.request", "body": body}, {"type": "http.disconnect"}]
+        runtime.pool.on_restart = lost.append
+        if before:
+            running = asyncio.create_task(client.post("/detect", files={"file": ("chair.obj", chair)}))
+            await until(lambda: len(detector.calls) == 1)
+        messages = [{"type": "http.request", "body": body}]
 
         async def receive() -> Any:
+            if not messages:
+                await until(lambda: runtime.pool.admitted == 1 + before and len(detector.calls) == 1)
+                return {"type": "http.disconnect"}
             return messages.pop(0)
 
         async def send(_: Any) -> None:
             pass
 
         await client._transport.app(scope, receive, send)  # type: ignore[attr-defined]
-        await until(lambda: runtime.pool.admitted == 1)
+        assert runtime.pool.admitted == before
+        await until(lambda: alive(detector.calls[0]["pid"]) == before)  # work that ran was ended
+        assert lost == ([] if before else ["client-left"])
         detector.gate.set()
-        assert (await running).status_code == 200
-        assert len(detector.calls) == 1
+        if before:
+            assert (await running).status_code == 200
+        assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
+        assert len(detector.calls) == 2
 
 
 async def test_refused_uploads_give_their_place_back(serving: Serving, detector: FakeDetector, chair: bytes) -> None:

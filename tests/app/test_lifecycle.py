@@ -71,4 +71,4 @@ async def test_stop_waits_for_running_work(serving: Serving, detector: FakeDetec
         detector.gate.set()
         await stopping
         assert (await running).status_code == 200
-        assert not runtime.pool.busy
+        assert runtime.pool.live == 0

@@ -94,7 +94,7 @@ async def test_a_defect_tells_the_id_and_nothing_else(
         assert "secret" not in response.text
         assert document["request_id"] in caplog.text  # so that the traceback can be found
         assert "secret path" in caplog.text
-        detector.failure = None
+        detector.tell(failure=None)
         assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
 
 

@@ -1,13 +1,17 @@
 """The multipart reader: what it accepts and refuses, and that the limit holds while the body streams in."""
 
 import asyncio
+import os
+from pathlib import Path
 from typing import Any
 
 import pytest
 from fastapi import Request
 
 from app.problems import ProblemError
-from app.uploads import Upload, base_name, read_upload
+from app.settings import Settings
+from app.spool import Upload
+from app.uploads import base_name, read_upload
 
 BOUNDARY = "XbX"
 LIMIT = 4096
@@ -33,16 +37,19 @@ class Body:
         return {"type": "http.request", "body": chunk, "more_body": self.taken < len(self.chunks)}
 
 
-def read(body: Body, limit: int = LIMIT, **headers: str) -> Upload:
+def read(
+    body: Body, limit: int = LIMIT, spool_bytes: int = 1 << 20, spool_dir: str | None = None, **headers: str
+) -> Upload:
     headers = {"content_type": f"multipart/form-data; boundary={BOUNDARY}", **headers}
     raw = [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]
     scope = {"type": "http", "method": "POST", "path": "/detect", "headers": raw, "query_string": b""}
-    return asyncio.run(read_upload(Request(scope, body), limit))
+    settings = Settings(max_upload_bytes=limit, spool_bytes=spool_bytes, spool_dir=spool_dir)
+    return asyncio.run(read_upload(Request(scope, body), settings))
 
 
-def refusal(body: Body, limit: int = LIMIT, **headers: str) -> ProblemError:
+def refusal(body: Body, limit: int = LIMIT, **options: Any) -> ProblemError:
     with pytest.raises(ProblemError) as caught:
-        read(body, limit, **headers)
+        read(body, limit, **options)
     return caught.value
 
 
@@ -51,7 +58,28 @@ def test_every_way_to_cut_the_body_gives_the_same_bytes(size: int) -> None:
     content = b"\r\n--Xb\r\n--XbY\r--\n" + bytes(range(256)) + b"\r\n-"
     whole = part(content) + END
     chunks = [whole[i : i + size] for i in range(0, len(whole), size)]
-    assert read(Body(chunks)) == Upload("a.stl", content)
+    assert read(Body(chunks)) == Upload("a.stl", len(content), content)
+
+
+@pytest.mark.parametrize("spool_bytes", [0, 1, 100, 10_000, 300_000])
+def test_a_large_upload_goes_to_a_file_without_a_name(tmp_path: Path, spool_bytes: int) -> None:
+    content = bytes(range(256)) * 2000
+    whole = part(content) + END
+    chunks = [whole[i : i + 60_000] for i in range(0, len(whole), 60_000)]
+    with read(Body(chunks), limit=1 << 20, spool_bytes=spool_bytes, spool_dir=str(tmp_path)) as upload:
+        assert (upload.filename, upload.size, upload.data) == ("a.stl", len(content), b"")
+        assert isinstance(upload.source, int)
+        assert os.pread(upload.source, 1 << 20, 0) == content
+        assert list(tmp_path.iterdir()) == []
+    assert upload.file is not None
+    assert upload.file.closed
+
+
+def test_a_full_disk_is_no_defect(tmp_path: Path) -> None:
+    chunks = [part(b"x" * 2000)[:-2], b"\r\n" + END]
+    error = refusal(Body(chunks), spool_bytes=10, spool_dir=str(tmp_path / "missing"))
+    assert error.problem.slug == "overloaded"
+    assert error.headers["Retry-After"]
 
 
 def test_quoted_boundary_and_other_part_headers() -> None:

@@ -1,0 +1,210 @@
+"""The server's end of the zygote: starts it, asks it for workers, hears from it how they ended."""
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from app.workers import wire
+from app.workers.wire import Walls
+
+# Set before torch and numpy are imported: a process with threads of theirs cannot be forked.
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+_LARGEST_CARD = 16 << 20
+_WORKER_START_S = 60.0
+
+
+class StartError(Exception):
+    """The zygote could not load, or no worker starts; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """What the zygote has loaded."""
+
+    name: str
+    version: str
+    sha256: str
+    metadata: dict[str, Any]
+    formats: list[str]
+    threads: int
+
+
+Launch: TypeAlias = Callable[[Walls], tuple[socket.socket, Callable[[], None]]]
+"""Starts a zygote: the server's end of its socket, and what ends and reaps it."""
+
+
+def launcher(weights: str) -> Launch:
+    """Starts zygotes that serve ``weights``, each in a new interpreter."""
+
+    def launch(walls: Walls) -> tuple[socket.socket, Callable[[], None]]:
+        ours, theirs = socket.socketpair()
+        root = str(Path(__file__).parents[2])
+        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
+        command = [sys.executable, *(f"-W{option}" for option in sys.warnoptions), "-m", "app.workers.zygote"]
+        with theirs:
+            process = subprocess.Popen(
+                [*command, str(theirs.fileno()), json.dumps(asdict(walls)), weights],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                env=os.environ | _ONE_THREAD | {"PYTHONPATH": path},
+                start_new_session=True,  # a Ctrl-C is the server's to handle
+            )
+
+        def end() -> None:
+            process.kill()
+            process.wait()
+
+        return ours, end
+
+    return launch
+
+
+@dataclass(eq=False, slots=True)
+class Worker:
+    """One worker process: its id and the socket to it."""
+
+    pid: int
+    connection: socket.socket
+    jobs: int = 0
+    ended: "asyncio.Future[int]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+    _handle: int | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        # A handle stays this process's even when its id is given to another one.
+        with contextlib.suppress(OSError, AttributeError):
+            self._handle = os.pidfd_open(self.pid)
+
+    def silent(self) -> bool:
+        """Whether it is there and has nothing to say, as it should when it has no job."""
+        try:
+            self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return True
+        except OSError:
+            pass
+        return False
+
+    def kill(self) -> None:
+        """End it now, whatever it does."""
+        with contextlib.suppress(ProcessLookupError):
+            if self._handle is not None:
+                signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+            elif not self.ended.done():
+                os.kill(self.pid, signal.SIGKILL)
+        self.close()
+
+    def close(self) -> None:
+        """Hang up: it ends when its job is done."""
+        self.connection.close()
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+class Factory:
+    """One zygote. ``on_worker_end`` and ``on_end`` are called from the event loop."""
+
+    def __init__(self, launch: Launch, walls: Walls) -> None:
+        self._launch = launch
+        self._walls = walls
+        self._workers: dict[int, Worker] = {}
+        self._asked: deque[tuple[socket.socket, asyncio.Future[Worker]]] = deque()
+        self._listener: asyncio.Task[None] | None = None
+        self._control: socket.socket | None = None
+        self._end: Callable[[], None] = lambda: None
+        self.on_worker_end: Callable[[Worker], None] = lambda _: None
+        self.on_end: Callable[[], None] = lambda: None
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can be asked for workers."""
+        return self._listener is not None and not self._listener.done()
+
+    async def start(self) -> Card:
+        """Launch the zygote and wait until it has loaded.
+
+        Raises:
+            StartError: it did not.
+        """
+        self._control, self._end = self._launch(self._walls)
+        self._control.setblocking(False)
+        try:
+            kind, payload = await wire.receive(self._control, _LARGEST_CARD)
+        except (EOFError, OSError, wire.WireError) as error:
+            raise StartError("the process that loads the weights ended") from error
+        if kind == wire.FAILED:
+            message = str(json.loads(payload))
+            raise StartError(message)
+        self._listener = asyncio.create_task(self._listen(self._control))
+        return Card(**json.loads(payload))
+
+    async def spawn(self) -> Worker:
+        """A new worker, warmed up and inside its walls.
+
+        Raises:
+            OSError, EOFError, TimeoutError, wire.WireError: it did not come.
+        """
+        if not self.alive or self._control is None:
+            raise EOFError
+        ours, theirs = socket.socketpair()
+        ours.setblocking(False)
+        future: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
+        self._asked.append((ours, future))
+        with theirs:
+            socket.send_fds(self._control, [wire.frame(wire.FORK)], [theirs.fileno()])
+        worker = await future
+        try:
+            async with asyncio.timeout(_WORKER_START_S):
+                kind, payload = await wire.receive(ours)
+            if kind != wire.READY:
+                raise wire.WireError(f"a worker that is not ready:\n{payload.decode(errors='replace')}")
+        except BaseException:
+            worker.kill()
+            raise
+        return worker
+
+    async def _listen(self, control: socket.socket) -> None:
+        try:
+            while True:
+                kind, payload = await wire.receive(control)
+                if kind == wire.FORKED:
+                    connection, future = self._asked.popleft()
+                    worker = self._workers[int(payload)] = Worker(int(payload), connection)
+                    if future.cancelled():
+                        worker.kill()
+                    else:
+                        future.set_result(worker)
+                elif kind == wire.ENDED:
+                    pid, code = json.loads(payload)
+                    worker = self._workers.pop(pid)
+                    worker.ended.set_result(code)
+                    self.on_worker_end(worker)
+        except (EOFError, OSError, wire.WireError):
+            pass
+        finally:
+            for connection, future in self._asked:
+                connection.close()
+                if not future.done():
+                    future.set_exception(EOFError())
+            self._asked.clear()
+            asyncio.get_running_loop().call_soon(self.on_end)
+
+    async def close(self) -> None:
+        """End the zygote, and with it whatever workers it still has."""
+        self.on_end = lambda: None
+        if self._listener is not None:
+            self._listener.cancel()
+            await asyncio.wait({self._listener})
+        if self._control is not None:
+            self._control.close()
+        await asyncio.to_thread(self._end)

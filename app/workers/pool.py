@@ -1,0 +1,294 @@
+"""Hands jobs to workers: so many at a time, so many waiting, one spare worker ready for when another is killed."""
+
+import asyncio
+import json
+import logging
+import signal
+from collections.abc import Callable, Coroutine
+from types import TracebackType
+
+from app.problems import OVERLOADED, ProblemError
+from app.schemas import DetectResponse
+from app.settings import Settings
+from app.workers import verify, wire
+from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
+from app.workers.factory import Card, Factory, Launch, StartError, Worker
+from app.workers.wire import Job, Walls
+
+logger = logging.getLogger("prsnet")
+_SPARE = 1
+_TRIES = 2
+_REPORT_S = 0.5  # how long to wait for word on how a worker ended
+_LOST = (EOFError, OSError)
+
+
+class WorkerPool:
+    """At most ``settings.workers`` jobs run and ``settings.queue`` more requests wait; the rest is refused."""
+
+    def __init__(self, settings: Settings, launch: Launch) -> None:
+        self.settings = settings
+        self.capacity = settings.workers + settings.queue
+        self.admitted = 0
+        self.running = 0
+        self.on_restart: Callable[[str], None] = lambda _: None
+        self._launch = launch
+        self._factory: Factory | None = None
+        self._turn = asyncio.Semaphore(settings.workers)
+        self._idle: list[Worker] = []
+        self._live: set[Worker] = set()
+        self._arrival = asyncio.Event()
+        self._chores: set[asyncio.Task[None]] = set()
+        self._revival = asyncio.Lock()
+        self._closed = False
+        self.card: Card | None = None
+
+    @property
+    def live(self) -> int:
+        """Workers that are there, the spare one included."""
+        return len(self._live)
+
+    async def start(self) -> Card:
+        """Load the weights and start all workers.
+
+        Raises:
+            StartError: the weights do not load, or no worker starts.
+        """
+        factory = self._factory = self._new_factory()
+        self.card = await factory.start()
+        if self.card.threads > 1:
+            logger.warning("workers are forked from a process with %d threads", self.card.threads)
+        try:
+            for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + _SPARE)]):
+                self._welcome(worker)
+        except (*_LOST, TimeoutError, wire.WireError) as error:
+            raise StartError(f"no worker starts: {error!r}") from error
+        return self.card
+
+    def admit(self) -> "Place":
+        """Take a place.
+
+        Raises:
+            ProblemError: ``overloaded`` (503, with ``Retry-After``).
+        """
+        self.require_room()
+        self.admitted += 1
+        return Place(self)
+
+    def require_room(self) -> None:
+        """Pass when a place is free now.
+
+        Raises:
+            ProblemError: ``overloaded`` (503, with ``Retry-After``).
+        """
+        if self.admitted >= self.capacity:
+            raise ProblemError(OVERLOADED, OVERLOADED.example, {"Retry-After": "1"})
+
+    async def run(self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None) -> DetectResponse:
+        """The answer to a job about a file: its bytes, or a descriptor. When cancelled, the work ends at once.
+
+        ``on_turn`` is called when the waiting is over.
+
+        Raises:
+            model.errors.MeshError: the worker reports it.
+            WorkerLostError, TookTooLongError, OutOfMemoryError, DefectError: there is no answer, and why.
+        """
+        async with self._turn:
+            self.running += 1
+            on_turn()
+            try:
+                for _ in range(_TRIES):
+                    worker = await self._take()
+                    try:
+                        return await self._let_work(worker, job, data)
+                    except _LOST:
+                        await self._account_for(worker)
+                raise WorkerLostError
+            finally:
+                self.running -= 1
+
+    async def close(self) -> None:
+        """End all processes."""
+        self._closed = True
+        for chore in self._chores:
+            chore.cancel()
+        if self._chores:
+            await asyncio.wait(self._chores)
+        for worker in list(self._live):
+            worker.kill()
+        self._live.clear()
+        self._idle.clear()
+        if self._factory is not None:
+            factory, self._factory = self._factory, None
+            await factory.close()
+
+    async def _let_work(self, worker: Worker, job: Job, data: bytes | int) -> DetectResponse:
+        """One try. The worker is given back only if it said all it had to; otherwise it is killed."""
+        keep, reason = False, "deadline"
+        try:
+            kind, payload = await self._converse(worker, job, data)
+            reason = "untrusted"
+            if kind == wire.ANSWER:
+                assert self.card is not None
+                answer = await self._checked(payload, job, self.card)
+                keep = True
+                return answer
+            if kind == wire.NO_MEMORY:
+                reason = "memory"
+                raise OutOfMemoryError
+            if kind == wire.MESH_ERROR:
+                error = verify.trusted_error(json.loads(payload))
+                keep = True
+                raise error
+            if kind == wire.DEFECT:
+                keep = True
+                raise DefectError(f"in worker {worker.pid}:\n{json.loads(payload)}")
+            raise wire.WireError("an unexpected frame")
+        except (ValueError, verify.UntrustedError, wire.WireError) as error:
+            raise DefectError(f"worker {worker.pid} is not trusted any more: {error}") from error
+        except TookTooLongError:
+            reason = "deadline"
+            raise
+        except asyncio.CancelledError as error:
+            reason = "client-left" if error.args == ("client-left",) else "deadline"
+            raise
+        except _LOST:
+            reason = "lost"
+            raise
+        finally:
+            if keep:
+                self._give_back(worker)
+            else:
+                self._discard(worker, reason)
+
+    async def _checked(self, payload: bytes, job: Job, card: Card) -> DetectResponse:
+        if len(payload) < wire.SMALL:
+            return verify.trusted_answer(payload, job, card)
+        return await asyncio.to_thread(verify.trusted_answer, payload, job, card)
+
+    async def _converse(self, worker: Worker, job: Job, data: bytes | int) -> tuple[bytes, bytes]:
+        seconds = self.settings.parse_s
+        try:
+            async with asyncio.timeout(seconds):
+                await wire.send_job(worker.connection, job, data)
+                kind, payload = await wire.receive(worker.connection)
+        except TimeoutError as error:
+            raise TookTooLongError(f"Reading the file took longer than the {seconds:g} seconds allowed.") from error
+        if kind == wire.PARSED:
+            return await wire.receive(worker.connection, verify.LARGEST_ANSWER)
+        return kind, payload
+
+    async def _account_for(self, worker: Worker) -> None:
+        """Log how a lost worker ended, and tell a job that used up its processor time from an accident."""
+        try:
+            code = await asyncio.wait_for(asyncio.shield(worker.ended), _REPORT_S)
+        except TimeoutError:
+            logger.warning("worker %d was lost", worker.pid)
+            return
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        logger.warning("worker %d was lost: %s", worker.pid, how)
+        if code == -signal.SIGXCPU:
+            raise TookTooLongError("The request used up the processor time a request may take.")
+
+    async def _take(self) -> Worker:
+        while True:
+            while self._idle:
+                worker = self._idle.pop()
+                if worker.silent():
+                    return worker
+                self._discard(worker, "lost")
+            self._arrival.clear()
+            await self._arrival.wait()
+
+    def _welcome(self, worker: Worker) -> None:
+        self._live.add(worker)
+        self._idle.append(worker)
+        self._arrival.set()
+
+    def _give_back(self, worker: Worker) -> None:
+        worker.jobs += 1
+        if worker.jobs >= self.settings.worker_jobs:
+            self._discard(worker, "recycled")
+        elif worker in self._live:
+            self._idle.append(worker)
+            self._arrival.set()
+
+    def _discard(self, worker: Worker, reason: str) -> None:
+        """Kill a worker and order another one."""
+        worker.kill()
+        if worker not in self._live or self._closed:
+            return
+        self._live.discard(worker)
+        self.on_restart(reason)
+        self._begin(self._replace())
+
+    def _on_worker_end(self, worker: Worker) -> None:
+        if worker in self._idle:  # nobody else is there to notice
+            self._idle.remove(worker)
+            self._discard(worker, "lost")
+
+    def _begin(self, work: Coroutine[None, None, None]) -> None:
+        chore = asyncio.create_task(work)
+        self._chores.add(chore)
+        chore.add_done_callback(self._chores.discard)
+
+    async def _replace(self) -> None:
+        """Get one more worker, however long it takes, with a new zygote if need be."""
+        pause = 0.05
+        while not self._closed:
+            try:
+                factory = await self._living_factory()
+                self._welcome(await factory.spawn())
+                return
+            except (*_LOST, TimeoutError, wire.WireError, StartError) as error:
+                logger.error("no new worker: %r; trying again", error)
+                await asyncio.sleep(pause)
+                pause = min(2 * pause, 5.0)
+
+    async def _revive(self) -> None:
+        """Have a zygote again before a worker is lost. If it cannot be had now, `_replace` will go on trying."""
+        try:
+            await self._living_factory()
+        except StartError as error:
+            logger.error("no new process to fork workers from: %s", error)
+
+    async def _living_factory(self) -> Factory:
+        async with self._revival:
+            if self._factory is not None and self._factory.alive:
+                return self._factory
+            if self._factory is not None:
+                await self._factory.close()
+            factory = self._factory = self._new_factory()
+            if await factory.start() != self.card:
+                await factory.close()
+                raise StartError("the weights have changed since the service started")
+            return factory
+
+    def _new_factory(self) -> Factory:
+        settings = self.settings
+        factory = Factory(self._launch, Walls(settings.worker_memory_bytes, settings.sandbox, settings.worker_nice))
+        factory.on_worker_end = self._on_worker_end
+        factory.on_end = self._on_zygote_end
+        return factory
+
+    def _on_zygote_end(self) -> None:
+        """The workers go on, and so does the service; a new zygote is needed before the next one is lost."""
+        if self._closed:
+            return
+        logger.error("the process that workers are forked from ended")
+        self.on_restart("zygote")
+        self._begin(self._revive())
+
+
+class Place:
+    """A request's place in the pool, a context manager. It is free again as soon as the request is over."""
+
+    def __init__(self, pool: WorkerPool) -> None:
+        self._pool = pool
+
+    def __enter__(self) -> "Place":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pool.admitted -= 1

@@ -1,0 +1,155 @@
+"""Frames between server, zygote and workers: one byte of kind, four of length, then the payload.
+
+A frame's length is checked against a limit before anything is allocated, because a worker that parsed a hostile file
+may send anything.
+"""
+
+import asyncio
+import json
+import os
+import socket
+import struct
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from app.schemas import Include, Mode
+
+_HEAD = struct.Struct("!cI")
+
+# Server to zygote, with a socket attached; zygote to server.
+FORK, LOADED, FAILED, FORKED, ENDED = b"K", b"L", b"F", b"P", b"X"
+# Server to worker; worker to server.
+JOB, READY, PARSED, ANSWER, MESH_ERROR, NO_MEMORY, DEFECT = b"J", b"R", b"p", b"A", b"E", b"M", b"D"
+
+SMALL = 64 * 1024
+"""Limit of every frame but an answer, in bytes."""
+
+
+class WireError(Exception):
+    """The other side sent something that is no frame, or too large a one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One detection. ``size`` bytes of file follow the frame, or lie in the descriptor that came with it."""
+
+    filename: str
+    mode: Mode
+    max_error: float
+    include: list[Include]
+    max_vertices: int
+    max_faces: int
+    max_nodes: int
+    max_unpacked_bytes: int
+    cpu_s: float
+    size: int
+    place: Literal["inline", "descriptor"]
+
+
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """What a worker may use: see the settings of the same names."""
+
+    memory_bytes: int
+    sandbox: bool
+    nice: int
+
+
+def frame(kind: bytes, payload: bytes = b"") -> bytes:
+    """The bytes of a frame."""
+    return _HEAD.pack(kind, len(payload)) + payload
+
+
+def json_frame(kind: bytes, value: Any) -> bytes:
+    """A frame whose payload is JSON."""
+    return frame(kind, json.dumps(value).encode())
+
+
+def parse_head(head: bytes, limit: int) -> tuple[bytes, int]:
+    """Kind and length of a frame.
+
+    Raises:
+        WireError: the payload is longer than ``limit``.
+    """
+    kind, size = _HEAD.unpack(head)
+    if size > limit:
+        raise WireError(f"a frame of {size} bytes, more than {limit}")
+    return kind, size
+
+
+# The server's side: never blocks.
+
+
+async def receive(connection: socket.socket, limit: int = SMALL) -> tuple[bytes, bytes]:
+    """The next frame; ``limit`` bounds its payload.
+
+    Raises:
+        WireError: the frame is too large.
+        EOFError, OSError: the other side ended.
+    """
+    kind, size = parse_head(await _exactly(connection, _HEAD.size), limit)
+    return kind, await _exactly(connection, size)
+
+
+async def _exactly(connection: socket.socket, size: int) -> bytes:
+    buffer = bytearray(size)
+    view, at = memoryview(buffer), 0
+    while at < size:
+        received = await asyncio.get_running_loop().sock_recv_into(connection, view[at:])
+        if not received:
+            raise EOFError
+        at += received
+    return bytes(buffer)
+
+
+async def send_job(connection: socket.socket, job: Job, data: bytes | int) -> None:
+    """A job with its file: bytes, or the descriptor of an open one."""
+    head = json_frame(JOB, asdict(job))
+    if isinstance(data, int):
+        # Far smaller than a socket's buffer, which is empty, because the worker is idle: this does not block.
+        if socket.send_fds(connection, [head], [data]) != len(head):
+            raise OSError("the worker does not take the job")
+        return
+    await asyncio.get_running_loop().sock_sendall(connection, head + data)
+
+
+# The other side: blocks.
+
+
+def receive_blocking(connection: socket.socket) -> tuple[bytes, bytes, list[int]] | None:
+    """The next frame with the descriptors attached to it, or None when the server has gone.
+
+    Raises:
+        WireError: the frame is too large.
+        EOFError: the server ended within a frame.
+    """
+    head, descriptors, _, _ = socket.recv_fds(connection, _HEAD.size, 4)
+    if not head:
+        return None
+    while len(head) < _HEAD.size:
+        head += _read(connection, _HEAD.size - len(head))
+    kind, size = parse_head(head, SMALL)
+    return kind, _read(connection, size), descriptors
+
+
+def receive_file(connection: socket.socket, job: Job, descriptors: list[int]) -> bytes:
+    """The bytes of the file a job is about."""
+    if job.place == "inline":
+        return _read(connection, job.size)
+    parts: list[bytes] = []
+    at = 0
+    while at < job.size and (part := os.pread(descriptors[0], job.size - at, at)):
+        parts.append(part)
+        at += len(part)
+    return b"".join(parts)
+
+
+def _read(connection: socket.socket, size: int) -> bytes:
+    buffer = bytearray(size)
+    view, at = memoryview(buffer), 0
+    while at < size:
+        received = connection.recv_into(view[at:])
+        if not received:
+            raise EOFError
+        at += received
+    return bytes(buffer)

@@ -1,0 +1,239 @@
+"""What the service survives: hostile files, load beyond its capacity, faults, and a long run. Prints Markdown.
+
+    python benchmarks/reliability.py hostile|load|health|chaos|soak [--seconds N] [--requests N] [--scale X]
+
+Starts a server of its own with the shipped weights and `--workers` workers (default: 2), on the machine's cores, which
+the clients share.
+"""
+
+import argparse
+import http.client
+import random
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from tests import load
+from tests.e2e.server import Server, running
+from tests.hostile import CLASSES
+
+ROOT = Path(__file__).parents[1]
+CHAIR = ("chair.obj", (ROOT / "tests/data/chair.obj").read_bytes())
+MIXED = [(path.name, path.read_bytes()) for path in sorted((ROOT / "tests/data").iterdir()) if path.suffix != ".md"]
+
+
+@contextmanager
+def serving(workers: int, **settings: str) -> Iterator[Server]:
+    """A server with its log in a temporary folder."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(Path(folder) / "log", WORKERS=str(workers), LOG_LEVEL="warning", **settings) as server,
+    ):
+        yield server
+
+
+def is_chair(answer: dict[str, Any]) -> bool:
+    """Whether an answer is the one for the chair."""
+    best = answer["planes"][0]
+    return bool(answer["mesh"]["faces"] == 260 and best["normal"][0] > 0.999 and abs(best["offset"]) < 0.02)
+
+
+def percentiles(seconds: list[float]) -> str:
+    """Median, 99th percentile and maximum in milliseconds, as table cells."""
+    ordered = sorted(seconds) or [0.0]
+    at = [ordered[min(int(share * len(ordered)), len(ordered) - 1)] * 1e3 for share in (0.5, 0.99, 1.0)]
+    return " | ".join(f"{value:.0f}" for value in at)
+
+
+def restarts(server: Server) -> dict[str, int]:
+    """Workers replaced so far, by reason."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+    connection.request("GET", "/metrics")
+    lines = connection.getresponse().read().decode().splitlines()
+    connection.close()
+    found = [line for line in lines if line.startswith("prsnet_worker_restarts_total{")]
+    return {line.split('"')[1]: int(float(line.rsplit(" ", 1)[1])) for line in found}
+
+
+def hostile(options: argparse.Namespace) -> None:
+    """Every hostile file once, one after the other."""
+    print("| class | files | answers | slowest, s | workers replaced |\n| --- | --- | --- | --- | --- |")
+    total: Counter[str] = Counter()
+    with serving(options.workers, DEADLINE_S="20", MAX_UPLOAD_BYTES="100000000") as server:
+        before = restarts(server)
+        for title, generate in CLASSES.items():
+            tally = load.Tally()
+            for name, data in generate(options.scale):
+                load.count(server.port, load.form(name.replace('"', ""), data), tally, lambda _: True)
+            after = restarts(server)
+            lost = {reason: after[reason] - before.get(reason, 0) for reason in after}
+            replaced = ", ".join(f"{number} {reason}" for reason, number in lost.items() if number) or "none"
+            seen = ", ".join(f"{number} × {status}" for status, number in sorted(tally.statuses.items()))
+            if tally.broken:
+                seen += f", broken: {dict(tally.broken)}"
+            print(f"| {title} | {tally.sent} | {seen} | {max(tally.seconds):.2f} | {replaced} |", flush=True)
+            total += tally.statuses
+            before = after
+        assert load.post(server.port, load.form(*CHAIR))[0] == 200
+    print(f"\n{sum(total.values())} files; 5xx: {sum(n for status, n in total.items() if status[0] == '5')}")
+
+
+def overload(options: argparse.Namespace) -> None:
+    """Open load at multiples of the measured capacity."""
+    body = load.form(*CHAIR)
+    with serving(options.workers) as server:
+        closed = load.Tally()
+        clients = [load.Background(lambda: load.count(server.port, body, closed, is_chair)) for _ in range(4)]
+        time.sleep(options.seconds)
+        for client in clients:
+            client.stop()
+        capacity = len(closed.seconds) / options.seconds
+        print(f"Capacity, 4 clients in a closed loop, {options.workers} workers: {capacity:.1f} requests/s\n")
+        print("| offered | sent/s | answered 200/s | 503 | other | wrong | 200: p50, ms | p99 | slowest |")
+        print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+        for times in (1, 2, 10):
+            print(f"| {times}× | " + one_rate(server, body, times * capacity, options.seconds), flush=True)
+
+
+def one_rate(server: Server, body: bytes, rate: float, seconds: float) -> str:
+    """A row: requests sent at a rate whether or not answers come."""
+    tally, served = load.Tally(), list[float]()
+    end = time.monotonic() + seconds
+
+    def send() -> None:
+        own = load.Tally()
+        load.count(server.port, body, own, is_chair)
+        with tally.lock:
+            tally.sent += 1
+            tally.statuses += own.statuses
+            tally.broken += own.broken
+            tally.wrong += own.wrong
+            if own.statuses["200"]:
+                served.extend(own.seconds)
+
+    threads: list[threading.Thread] = []
+    due = began = time.monotonic()
+    while time.monotonic() < end:
+        thread = threading.Thread(target=send)
+        thread.start()
+        threads.append(thread)
+        due += 1 / rate
+        time.sleep(max(due - time.monotonic(), 0))
+    sent_for = time.monotonic() - began
+    for thread in threads:
+        thread.join()
+    refused = sum(number for status, number in tally.statuses.items() if status.startswith("503"))
+    other = tally.sent - refused - tally.statuses["200"]
+    return (
+        f"{tally.sent / sent_for:.1f} | {tally.statuses['200'] / sent_for:.1f} | {100 * refused / tally.sent:.0f} % | "
+        f"{other} | {len(tally.wrong)} | {percentiles(served)} |"
+    )
+
+
+def health(options: argparse.Namespace) -> None:
+    """Latency of the probes while all workers are busy and a 100 MB upload runs."""
+    print("| while | probes | statuses | p50, ms | p99 | slowest |\n| --- | --- | --- | --- | --- | --- |")
+    body, big = load.form(*CHAIR), load.form("big.stl", bytes(100_000_000))
+    with serving(options.workers, MAX_UPLOAD_BYTES="110000000") as server:
+        for title, busy in (("idle", False), ("all workers busy, 100 MB uploads", True)):
+            threads: list[load.Background] = []
+            if busy:
+                loads = [body] * 2 * options.workers + [big]
+                threads = [
+                    load.Background(lambda b=b: load.count(server.port, b, load.Tally(), is_chair)) for b in loads
+                ]
+            for path in ("/health", "/metrics"):
+                seconds, statuses = list[float](), Counter[int]()
+                end = time.monotonic() + options.seconds / 2
+                while time.monotonic() < end:
+                    load.probe(server.port, path, seconds, statuses)
+                    time.sleep(0.01)
+                print(f"| {title}: `{path}` | {len(seconds)} | {dict(statuses)} | {percentiles(seconds)} |", flush=True)
+            for thread in threads:
+                thread.stop()
+
+
+def chaos(options: argparse.Namespace) -> None:
+    """Workers are killed and clients leave at random while a checker counts."""
+    body, chance, killed, tally = load.form(*CHAIR), random.Random(7), list[int](), load.Tally()
+    left = [0]
+    with serving(options.workers) as server:
+
+        def leave() -> None:
+            load.hang_up(server.port, body, random.Random(chance.random()))
+            left[0] += 1
+
+        threads = [load.Background(lambda: load.count(server.port, body, tally, is_chair)) for _ in range(4)]
+        threads.append(load.Background(leave, 0.1))
+        threads.append(load.Background(lambda: load.kill_one(server.process.pid, chance, killed), 0.5))
+        time.sleep(options.seconds)
+        for thread in threads:
+            thread.stop()
+        print(f"{len(killed)} workers killed, {left[0]} clients left, in {options.seconds:.0f} s")
+        print(f"{tally.sent} requests, answers: {dict(tally.statuses)}, without one: {dict(tally.broken)}")
+        print(f"wrong answers: {len(tally.wrong)}; replaced: {restarts(server)}")
+
+
+def soak(options: argparse.Namespace) -> None:
+    """Mixed requests, good and hostile, and the memory of all processes together on the way."""
+    bad = [file for title in ("truncations", "tiny", "bad indices", "xml", "names") for file in CLASSES[title](0.1)]
+    chance = random.Random(1)
+    statuses: Counter[str] = Counter()
+    lock = threading.Lock()
+    left = [options.requests]
+    with serving(options.workers, WORKER_JOBS="500") as server:
+
+        def work() -> None:
+            while True:
+                with lock:
+                    if left[0] == 0:
+                        return
+                    left[0] -= 1
+                    name, data = chance.choice(MIXED) if chance.random() < 0.5 else chance.choice(bad)
+                tally = load.Tally()
+                load.count(server.port, load.form(name.replace('"', ""), data), tally, lambda _: True)
+                with lock:
+                    statuses.update(tally.statuses + Counter({f"broken {k}": n for k, n in tally.broken.items()}))
+
+        threads = [threading.Thread(target=work) for _ in range(2 * options.workers)]
+        for thread in threads:
+            thread.start()
+        marks = sorted({1000, *(options.requests * step // 10 for step in range(1, 11))})
+        print("| requests | memory of all processes, MB |\n| --- | --- |")
+        after_1000, now = 0, 0
+        for mark in marks:
+            while options.requests - left[0] < mark and any(thread.is_alive() for thread in threads):
+                time.sleep(0.05)
+            now = load.resident_kb(server.process.pid)
+            after_1000 = now if mark == 1000 else after_1000
+            print(f"| {mark} | {now / 1024:.0f} |", flush=True)
+        for thread in threads:
+            thread.join()
+        print(f"\nanswers: {dict(statuses)}; replaced: {restarts(server)}")
+        if after_1000:
+            print(f"growth after the first 1,000: {100 * (now / after_1000 - 1):+.1f} %")
+
+
+def main() -> None:
+    """Parse the command line and run one part."""
+    parts = {"hostile": hostile, "load": overload, "health": health, "chaos": chaos, "soak": soak}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", choices=parts)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement (default: 20)")
+    parser.add_argument("--requests", type=int, default=20_000, help="of the soak (default: 20000)")
+    parser.add_argument("--scale", type=float, default=1.0, help="of the hostile files (default: 1)")
+    options = parser.parse_args()
+    parts[options.part](options)
+
+
+if __name__ == "__main__":
+    main()

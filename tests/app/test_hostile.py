@@ -1,0 +1,113 @@
+"""Hostile files through the service: every one gets a clear answer, and costs no worker but perhaps its own."""
+
+import os
+import time
+from typing import Any
+
+import pytest
+
+from app.workers import sandbox
+from tests.hostile import CLASSES
+
+from .fakes import FakeDetector, Serving
+
+pytestmark = pytest.mark.anyio
+REFUSED = {400, 413, 415, 422}
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+async def test_every_hostile_file_gets_a_clear_answer(
+    serving: Serving, detector: FakeDetector, assert_problem: Any, kind: str
+) -> None:
+    lost: list[str] = []
+    async with serving(detector, workers=2, worker_memory_bytes=256 << 20) as (client, runtime):
+        runtime.pool.on_restart = lost.append
+        for name, data in CLASSES[kind](0.1):
+            response = await client.post("/detect?include=rejected", files={"file": (name, data)})
+            if response.status_code != 200:
+                assert response.status_code in REFUSED, (name, response.text)
+                document = assert_problem(
+                    response, response.json()["type"].removeprefix("/problems/"), response.status_code
+                )
+                assert "passwd" not in document["detail"]
+            else:
+                kept = response.json()["mesh"]["filename"]
+                assert kept.isprintable()
+                assert not set("/\\") & set(kept)
+                assert len(kept) <= 255
+        assert set(lost) <= {"memory"}
+
+
+async def test_memory_is_bounded_and_the_worker_replaced(
+    serving: Serving, detector: FakeDetector, chair: bytes, assert_problem: Any
+) -> None:
+    text = b"[" + b"{}," * 12_000_000 + b"{}]"  # as Python objects, thirty times its size
+    lost: list[str] = []
+    async with serving(detector, worker_memory_bytes=256 << 20) as (client, runtime):
+        runtime.pool.on_restart = lost.append
+        response = await client.post("/detect", files={"file": ("a.gltf", text)})
+        assert "memory" in assert_problem(response, "mesh-too-large", 413)["detail"]
+        assert lost == ["memory"]
+        assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
+
+
+async def test_reading_has_a_time_limit_of_its_own(
+    serving: Serving, detector: FakeDetector, assert_problem: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(*_: Any, **__: Any) -> Any:
+        time.sleep(60)
+
+    async with serving(detector) as (client, _):
+        pass  # warmed up with the real reader, so that the next application's zygote is forked after the patch
+    monkeypatch.setattr("app.workers.worker.sample_files", lambda: [("a.obj", b"")])
+    monkeypatch.setattr("app.workers.worker.parse_and_detect", lambda *a, **_: slow() if a[2] != "a.obj" else None)
+    async with serving(detector, parse_s=0.3) as (client, _):
+        document = assert_problem(await client.post("/detect", files={"file": ("b.obj", b"v")}), "deadline-passed", 504)
+        assert "Reading" in document["detail"]
+
+
+def read_a_secret() -> None:
+    with open("/etc/passwd") as file:
+        raise RuntimeError("leaked: " + file.read())
+
+
+def connect() -> None:
+    import socket
+
+    socket.create_connection(("127.0.0.1", 9), timeout=1)
+
+
+def run_a_program() -> None:
+    os.execv("/bin/true", ["true"])
+
+
+def fork() -> None:
+    os.fork()
+
+
+def write_a_file() -> None:
+    with open("/tmp/prsnet-was-here", "w"):
+        raise RuntimeError("leaked")
+
+
+def signal_the_server() -> None:
+    os.kill(os.getppid(), 0)
+    raise RuntimeError("leaked")
+
+
+@pytest.mark.skipif(not sandbox.available(), reason="needs Linux on x86-64 or ARM64")
+@pytest.mark.parametrize("action", [read_a_secret, connect, run_a_program, fork, write_a_file, signal_the_server])
+async def test_a_worker_that_was_taken_over_is_locked_in(
+    serving: Serving,
+    detector: FakeDetector,
+    chair: bytes,
+    assert_problem: Any,
+    caplog: pytest.LogCaptureFixture,
+    action: Any,
+) -> None:
+    detector.action = action
+    async with serving(detector) as (client, _):
+        response = await client.post("/detect", files={"file": ("chair.obj", chair)})
+        assert_problem(response, "internal-error", 500)
+    assert "leaked" not in caplog.text
+    assert "PermissionError" in caplog.text
