@@ -75,7 +75,7 @@ def test_starting_server_is_alive_but_not_ready(tmp_path: Path) -> None:
 
 
 def test_deadline_is_kept_and_ends_the_work(tmp_path: Path, big_mesh: bytes) -> None:
-    with running(tmp_path / "log", DEADLINE_S="0.2", WORKERS="1", QUEUE="0") as server:
+    with running(tmp_path / "log", DEADLINE_S="0.05", WORKERS="1", QUEUE="0") as server:
         response = server.detect("big.stl", big_mesh)
         assert response.status_code == 504
         assert response.json()["type"] == "/problems/deadline-passed"
