@@ -108,9 +108,9 @@ def canonical_signs(rotation: FloatArray, vertices: FloatArray, faces: IntArray)
     area, is made positive, so that a shape in another pose is looked at from the same side. Where it vanishes the shape
     is mirror-symmetric enough for either side to do.
     """
-    corners = vertices[faces]
-    along = corners.mean(1) @ rotation.T
-    skew = triangle_areas(corners) @ (along * along * along)
+    corners = np.ascontiguousarray((vertices[faces.ravel()] @ rotation.T).T).reshape(3, -1, 3)
+    along = corners[:, :, 0] + corners[:, :, 1] + corners[:, :, 2]
+    skew = (along * along * along) @ _areas(corners)
     signs = np.where(skew < 0.0, -1.0, 1.0)
     signs[2] = signs[0] * signs[1]
     return np.ascontiguousarray(signs[:, None] * rotation)

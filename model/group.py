@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,7 @@ _OFF_CENTRE = 0.02
 """Elements of one group meet in a point; one that passes it by more (unit frame) belongs to none."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Group:
     """A finite group: ``generators``, the most reliable first, all ``matrices`` ``(g, 3, 3)``, ``centre`` ``(3,)``."""
 
@@ -99,7 +100,7 @@ class Group:
         """Reflections in all planes, then the smallest turns about all axes."""
         return _element_operations(self.matrices, self.centre, np.zeros((0, 3, 3)))
 
-    @property
+    @cached_property
     def elements(self) -> closure.Elements:
         """Planes and axes."""
         return closure.elements(self.matrices)

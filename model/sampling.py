@@ -42,7 +42,9 @@ def extreme_vertices(vertices: FloatArray, faces: IntArray, directions: FloatArr
     They are the corners and rims by which flat and angular shapes are told from their turned copies, and which hardly
     any sample of the surface hits. Of very large meshes only a part of the vertices is looked at.
     """
-    used = vertices[faces.ravel()[:: max(1, faces.size // _LOOKED_AT)]]
+    is_used = np.zeros(len(vertices), dtype=np.bool_)
+    is_used[faces.ravel()[:: max(1, faces.size // _LOOKED_AT)]] = True
+    used = vertices[is_used]
     return used[np.unique(np.argmax(used @ directions.T, axis=0))]
 
 

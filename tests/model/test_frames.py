@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from model.errors import DegenerateMeshError
-from model.frames import UnitFrame, inertia_frame
+from model.frames import UnitFrame, canonical_signs, inertia_frame
 from model.mesh import Mesh
 from model.sampling import sample_surface
 from tests.shapes import as_mesh, box, known, moved, pose, subdivided
+from training.solids import random_rotation
 
 
 def shapes() -> list[Mesh]:
@@ -100,3 +101,16 @@ def test_covariance_is_the_surface_integral():
     np.testing.assert_allclose(
         frame @ (samples.T @ samples / len(samples)) @ frame.T, np.diag(values), atol=1e-3 * values[0]
     )
+
+
+def test_an_inertia_frame_is_looked_at_from_the_same_side_in_every_pose():
+    mesh = as_mesh(known("none", 1))
+    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    vertices = frame.to_unit(mesh.vertices)
+    still = canonical_signs(inertia_frame(vertices, mesh.faces)[0], vertices, mesh.faces)
+    for seed in range(6):
+        turn = random_rotation(np.random.default_rng(seed))
+        turned = np.ascontiguousarray(vertices @ turn.T)
+        found = canonical_signs(inertia_frame(turned, mesh.faces)[0], turned, mesh.faces)
+        assert np.linalg.det(found) == pytest.approx(1.0)
+        np.testing.assert_allclose(found, still @ turn.T, atol=1e-9)

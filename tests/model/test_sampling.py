@@ -3,8 +3,9 @@ import pytest
 import trimesh
 
 from model.errors import DegenerateMeshError
-from model.sampling import sample_surface
+from model.sampling import extreme_vertices, sample_surface
 from model.surface import SurfaceIndex
+from tests.shapes import box
 
 
 def uneven():
@@ -72,3 +73,11 @@ def test_no_points_asked_for():
 def test_no_area_is_an_error():
     with pytest.raises(DegenerateMeshError):
         sample_surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), 10, seed=8)
+
+
+def test_extreme_vertices_are_the_corners_that_reach_farthest():
+    mesh = box(1.0, 2.0, 3.0)
+    extra = np.vstack([mesh.vertices, [[50.0, 0.0, 0.0]]])  # no face uses it
+    directions = np.array([[1.0, 1.0, 1.0], [-1.0, 0.5, 0.2], [1.0, 1.0, 0.9]])
+    found = extreme_vertices(extra, mesh.faces, directions)
+    assert sorted(found.tolist()) == [[-0.5, 1.0, 1.5], [0.5, 1.0, 1.5]]
