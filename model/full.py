@@ -24,7 +24,7 @@ from model.types import FloatArray
 
 _MOST_PLANES, _MOST_CANDIDATES = 14, 24
 _MOST_THROUGH_ROUND = 3
-_EVERY_DIRECTION = 12
+_EVERY_DIRECTION = 5
 _ALONG = float(np.sin(np.deg2rad(8.0)))
 
 
