@@ -1,6 +1,6 @@
 """How the errors of all planes and axes of a ground-truth file are distributed: the picture behind the limits.
 
-    python docs/error_histogram.py docs/runs/groundtruth/corpus-test.json docs/images/errors.png
+python docs/error_histogram.py docs/runs/groundtruth/corpus-test.json docs/images/errors.png
 """
 
 import sys

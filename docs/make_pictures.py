@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from rendering import Scene, camera
 
 from model import Detection, Detector
@@ -19,8 +18,6 @@ from training.shapes import generate
 
 ROOT = Path(__file__).parents[1]
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-EXAMPLES = ("chair.obj", "table.glb", "vase.ply", "plant.off")
-COLOURS = ("#d1495b", "#00798c", "#edae49")
 
 GROUPS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
     "groups_1.png": [
@@ -47,28 +44,6 @@ SEED = 2
 CONTINUOUS_COLOUR, OTHER_ORDER_COLOUR = "#d4a017", "#1f4fbf"
 
 
-def draw(axes: object, detection: Detection) -> None:
-    """Shaded triangles, planes as translucent squares through their points, continuous axes as lines. y is up."""
-    mesh, turn = detection.mesh, Y_UP
-    corners = mesh.vertices[mesh.faces] @ turn.T
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    light = 0.35 + 0.6 * np.abs(normals @ np.array([0.4, -0.6, 0.69]))
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=np.outer(light, [0.72, 0.76, 0.82])))
-    half = 0.42 * detection.scale
-    for plane, colour in zip(detection.planes, COLOURS, strict=False):
-        normal, point = turn @ plane.normal, turn @ plane.point
-        first = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
-        first /= np.linalg.norm(first)
-        second = np.cross(normal, first)
-        square = [point + half * (a * first + b * second) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-        axes.add_collection3d(Poly3DCollection([square], facecolors=colour, alpha=0.28, edgecolors=colour))
-    for axis in detection.axes:
-        ends = turn @ np.stack([axis.point + s * 1.3 * half * axis.direction for s in (-1, 1)], axis=1)
-        axes.plot(*ends, color="black", linewidth=2)
-    frame_view(axes, turn @ detection.center, half, zoom=1.25)
-
-
 def draw_group(detection: Detection, turn: np.ndarray) -> np.ndarray:
     """The mesh with all planes as translucent discs and all axes as rods through their true places, as an image."""
     mesh, half = detection.mesh, 0.5 * detection.scale
@@ -84,15 +59,6 @@ def draw_group(detection: Detection, turn: np.ndarray) -> np.ndarray:
         ends = np.stack([axis.point + side * 1.1 * half * axis.direction for side in (-1.0, 1.0)])
         scene.add_tube(ends @ turn.T, thickness * (1.6 if axis.continuous else 1.0), np.array(to_rgb(colour)))
     return scene.image(PIXELS)
-
-
-def frame_view(axes: object, center: np.ndarray, half: float, zoom: float) -> None:
-    """Look at the centre from above, all sides at one scale."""
-    for name, middle in zip("xyz", center, strict=True):
-        getattr(axes, f"set_{name}lim")(middle - half, middle + half)
-    axes.set_box_aspect((1, 1, 1), zoom=zoom)
-    axes.set_axis_off()
-    axes.view_init(elev=22, azim=-55)
 
 
 def shape_of(name: str, parameters: dict[str, Any] | None) -> tuple[Any, np.ndarray]:
@@ -112,17 +78,8 @@ def counted(detection: Detection) -> str:
 
 
 def main() -> None:
-    """Write docs/images/examples.png (paper mode) and the two sheets of groups (full mode)."""
+    """Write the two sheets of groups."""
     detector = Detector.load()
-    figure = Figure(figsize=(12, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    for index, name in enumerate(EXAMPLES):
-        detection = detector.detect(ROOT / "tests" / "data" / name, mode="paper")
-        axes = figure.add_subplot(1, len(EXAMPLES), index + 1, projection="3d", computed_zorder=True)
-        draw(axes, detection)
-        errors = ", ".join(f"{plane.symmetry_error:.0e}" for plane in detection.planes) or "no plane"
-        axes.set_title(f"{name}: {detection.point_group}\n{errors}", fontsize=10)
-    save(figure, "examples.png")
     for file, shapes in GROUPS.items():
         figure = Figure(figsize=(15, 3.55))
         figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=0.85, wspace=0.01)
