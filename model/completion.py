@@ -118,7 +118,8 @@ class Completion:
         return bool(errors.max(initial=0.0) <= bound)
 
     def _stands_out(self, operation: Operations, error: float, *, beside_others: bool = False) -> bool:
-        stands_out = self._shape.judge.stands_out(operation, beside_others=beside_others)
+        whole = beside_others and not self._approximate
+        stands_out = self._shape.judge.stands_out(operation, beside_others=beside_others, whole=whole)
         if not stands_out:
             self._reject(operation, error, "look_alike")
         return stands_out

@@ -24,6 +24,7 @@ from model.types import FloatArray
 
 _MOST_PLANES, _MOST_CANDIDATES = 14, 24
 _MOST_THROUGH_ROUND = 3
+_CLOSE = 1.5
 _EVERY_DIRECTION = 5
 _ALONG = float(np.sin(np.deg2rad(8.0)))
 
@@ -59,7 +60,8 @@ def find_symmetries(shape: Shape, proposals: Proposals | None, sources: Sources)
     starts = _plane_starts(shape, proposals, sources, round_lines)
     planes = settle(shape.surface, shape.points, shape.samples, starts, shape.max_error)
     found, errors = planes.operations, planes.errors
-    within = errors <= shape.max_error  # sorted: the first of them are the best
+    # Sorted: the first of them are the best. The verdict on close ones is for more samples than refinement has.
+    within = errors <= _CLOSE * shape.max_error
     rejected = [
         TurnedDown(error, "not_symmetric", plane)
         for part, part_errors in ((planes.dropped, planes.dropped_errors), (found[~within], errors[~within]))

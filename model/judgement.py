@@ -25,7 +25,7 @@ _MANY = 3
 _FEWEST = 200
 """... but on this many at least."""
 
-_CLOSE_CALL = 1.2
+_CLOSE_CALL = 1.3
 _CONFIDENCE = 2.0
 """The mean plus so many standard errors must stay within the threshold: other samples should not overturn it."""
 
@@ -71,12 +71,13 @@ class Judge:
         spread = squared.std(1) / np.sqrt(len(samples))
         return errors, errors + _CONFIDENCE * spread <= self.max_error
 
-    def stands_out(self, operation: Operations, *, beside_others: bool = False) -> bool:
+    def stands_out(self, operation: Operations, *, beside_others: bool = False, whole: bool = False) -> bool:
         """Whether one operation (a batch of one, not a centre) is distinctly better than its neighbours.
 
         Args:
             operation: refined, but not exact.
             beside_others: the shape has a group of symmetries that this is none of.
+            whole: the shape has exact symmetries, so that no missing part can be what disturbs this one.
         """
         samples = self.samples[:: max(1, len(self.samples) // _FEW)]
         own = np.sort(squared_distances(self.surface, samples, operation))
@@ -89,8 +90,7 @@ class Judge:
             around = np.concatenate([around.reshape(8, -1), self._tilted(operation, samples, lines[:1], _TIGHT)[0]])
         near = around.reshape(-1, around.shape[-1])
         far: FloatArray | None = None
-        # A missing part is likely to be what disturbs an approximate symmetry only where nothing is exact.
-        for kept in (1.0,) if beside_others else (1.0, _KEPT):
+        for kept in (1.0,) if whole else (1.0, _KEPT):
             count = int(kept * len(samples))
             error = float(own[:, :count].mean())
             if near[:, :count].mean(1).min() <= max(factor * error, CERTAIN_ERROR):
