@@ -47,19 +47,18 @@ class Completion:
         self,
         shape: Shape,
         lines: FloatArray,
-        scanned: bool,
+        scan: bool,
         planes: Operations,
         errors: FloatArray,
         rejected: list[TurnedDown],
     ) -> None:
         self._shape = shape
         self._lines = lines
-        self._scan = scanned
         self._candidates, self._errors = planes, errors
         self._rejected = rejected
         self._level = min(EXACT_ERROR, shape.max_error)
         self._approximate = False
-        self._scanned = False
+        self._half_turns_due = scan
         self._tested: list[FloatArray] = []
         self._group = Group.generated(planes[:0], errors[:0], shape.centre)
 
@@ -84,8 +83,8 @@ class Completion:
     def _complete(self) -> None:
         self._extend(self._candidates, self._errors)
         self._raise_orders()
-        if self._scan and not self._scanned:
-            self._scanned = True
+        if self._half_turns_due:
+            self._half_turns_due = False
             operations, errors = self._half_turns()
             self._candidates = Operations.joined([self._candidates, operations])
             self._errors = np.concatenate([self._errors, errors])
@@ -135,7 +134,6 @@ class Completion:
         """Look for higher orders about every axis known so far, until there is none."""
         while True:
             normals, directions, orders = self._group.elements
-            known = dict.fromkeys(range(len(directions)))
             candidates = np.concatenate([directions, normals, self._lines])
             for index, direction in enumerate(candidates):
                 # One of each set of equivalent axes is enough.
@@ -143,7 +141,7 @@ class Completion:
                 if any(np.abs(images @ other).max() > np.cos(2.0 * SAME_ANGLE) for other in self._tested):
                     continue
                 self._tested.append(direction)
-                order = orders[index] if index in known else 1
+                order = orders[index] if index < len(orders) else 1  # the group's own axes come first
                 if self._raise_order(direction, order):
                     break
             else:

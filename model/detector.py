@@ -47,9 +47,8 @@ EVERY_DIRECTION = 83
 """Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
 
 FULL_FRAMES = 1
-"""Sign choices of the input frame that full mode looks at, in one batch: more find nothing that refinement
-and the other sources do not (docs/accuracy.md)."""
-
+"""Sign choices of the input frame that full mode looks at, in one batch: more cost time and found no more planes
+(docs/decisions/0005-sources-of-starts.md)."""
 
 ALL_SOURCES = Sources()
 

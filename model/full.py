@@ -25,6 +25,8 @@ from model.types import FloatArray
 _MOST_PLANES, _MOST_CANDIDATES = 14, 24
 _MOST_THROUGH_ROUND = 3
 _CLOSE = 1.5
+"""Candidates beyond the threshold by no more than this go on to the verdict: refinement measures on few samples."""
+
 _EVERY_DIRECTION = 5
 _ALONG = float(np.sin(np.deg2rad(8.0)))
 
@@ -60,7 +62,7 @@ def find_symmetries(shape: Shape, proposals: Proposals | None, sources: Sources)
     starts = _plane_starts(shape, proposals, sources, round_lines)
     planes = settle(shape.surface, shape.points, shape.samples, starts, shape.max_error)
     found, errors = planes.operations, planes.errors
-    # Sorted: the first of them are the best. The verdict on close ones is for more samples than refinement has.
+    # Sorted: the first of them are the best.
     within = errors <= _CLOSE * shape.max_error
     rejected = [
         TurnedDown(error, "not_symmetric", plane)
@@ -97,8 +99,8 @@ def _inspect(shape: Shape, direction: FloatArray) -> tuple[FloatArray, Turns]:
         return start, Turns(1, False)
     axis = refine(shape.surface, shape.points(3), turned[:1], 8, scale=0.05)
     point, few = np.concatenate([axis.directions[0], axis.points[0]]), shape.samples[::2]
-    limit = EXACT_ERROR
-    return point, allowed_turns(shape.surface, few, point[:3], point[3:], limit=limit, max_error=shape.max_error)
+    turns = allowed_turns(shape.surface, few, point[:3], point[3:], limit=EXACT_ERROR, max_error=shape.max_error)
+    return point, turns
 
 
 def _plane_starts(

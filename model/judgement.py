@@ -13,7 +13,7 @@ from model.types import BoolArray, FloatArray
 EXACT_ERROR = 1e-6
 """An SDE below this is symmetry up to modelling precision: an RMS deviation of 0.1 % of the bounding sphere's diameter.
 
-docs/accuracy.md shows the distribution of errors that led to it."""
+docs/full-mode.md shows the distribution of errors behind it."""
 
 CERTAIN_ERROR = 1e-9
 """Below this a symmetry needs no comparison with its neighbours, however small the part that tells them apart."""

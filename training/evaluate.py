@@ -5,11 +5,9 @@ paper mode receives it; both on exact distances, against the intact shape, with 
 """
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,8 @@ from model.validation import MAX_ERROR
 from training.baselines import pca_planes, untrained
 from training.damage import cut_ball
 from training.groundtruth import find_symmetries
+from training.known_truth import written_truth
+from training.parallel import spread
 from training.prepare import SourceFile, find_meshes
 from training.solids import random_rotation
 
@@ -92,20 +92,13 @@ def evaluate(
         (source, Options(tuple(weights), damage, seed), index, known.get(source.name))
         for index, source in enumerate(sources)
     ]
-    results = list(tqdm(_run(jobs, workers), total=len(jobs), unit="mesh", disable=not progress))
+    results = list(
+        tqdm(spread(_judge_shape, jobs, workers, chunk=4), total=len(jobs), unit="mesh", disable=not progress)
+    )
     if reference is not None:
         known |= {result.name: result.reference for result in results if result.skipped is None}
         reference.write_text(json.dumps(known))
     return summarise(results, weights, damage)
-
-
-def _run(jobs: list[Any], workers: int) -> Iterator[ShapeResult]:
-    if workers <= 1:
-        yield from map(_judge_shape, jobs)
-        return
-    # Threads of torch and of the kernels do not survive a fork.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_judge_shape, jobs, chunksize=4)
 
 
 @lru_cache
@@ -127,9 +120,7 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
         return result
     vertices, faces = frame.to_unit(mesh.vertices), mesh.faces
     if known is None:
-        truth_file = source.path.parent / "ground_truth.json"
-        known = _known_planes(truth_file, source.path.name, frame)
-        known = known or find_symmetries(vertices, faces).clear_planes().tolist()
+        known = _written_planes(source.path, frame) or find_symmetries(vertices, faces).clear_planes().tolist()
     result.reference, result.clear = known, len(known)
     rng = np.random.default_rng([options.seed, index])
     pose = random_rotation(rng)
@@ -162,20 +153,15 @@ def _judge_shape(job: tuple[SourceFile, Options, int, list[list[float]] | None])
     return result
 
 
-def _known_planes(truth_file: Path, name: str, frame: UnitFrame) -> list[list[float]]:
+def _written_planes(path: Path, frame: UnitFrame) -> list[list[float]]:
     """Planes that `training shapes` wrote down for a file, in its unit frame; empty where none are known.
 
     Of a continuous family the file lists none, so such shapes are left to the search.
     """
-    if not truth_file.is_file():
+    written = written_truth(path, frame)
+    if written is None or any(axis.order is None for axis in written[0].axes):
         return []
-    entry = json.loads(truth_file.read_text()).get(name)
-    if entry is None or any(axis["order"] is None for axis in entry["axes"]):
-        return []
-    rows = np.array(entry["planes"]).reshape(-1, 4)
-    # n.x + d = 0 with x = scale u + center.
-    rows[:, 3] = (rows[:, 3] + rows[:, :3] @ frame.center) / frame.scale
-    return rows.tolist()
+    return written[0].planes.tolist()
 
 
 def _against(truth: FloatArray, planes: FloatArray, errors: list[float]) -> dict[str, Any]:

@@ -6,10 +6,8 @@ method has seen. `training.full_report` turns the records into tables.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +28,7 @@ from training.full_methods import Answer, answer, check
 from training.groundtruth import find_symmetries
 from training.known_truth import plane_to_unit, written_truth
 from training.matching import Found, FoundAxis, clear, match
+from training.parallel import spread
 from training.prepare import SourceFile, find_meshes
 from training.truth import Truth, load
 
@@ -112,7 +111,7 @@ def evaluate(
         for row, (index, source) in enumerate(sources)
         if source.name not in records
     ]
-    for record in tqdm(_run(jobs, workers), total=len(jobs), unit="mesh", disable=not progress):
+    for record in tqdm(spread(_judge_file, jobs, workers, chunk=2), total=len(jobs), unit="mesh", disable=not progress):
         records[record["name"]] = record
         if resume is not None:
             with resume.open("a", encoding="utf-8") as lines:
@@ -141,15 +140,6 @@ def _resumed(file: Path | None, options: Options) -> dict[str, dict[str, Any]]:
         whole.append(line)
     file.write_text("\n".join(whole) + "\n", encoding="utf-8")
     return records
-
-
-def _run(jobs: list[_Job], workers: int) -> Iterator[dict[str, Any]]:
-    if workers <= 1:
-        yield from map(_judge_file, jobs)
-        return
-    # Threads of torch and of the kernels do not survive a fork.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_judge_file, jobs, chunksize=2)
 
 
 def _judge_file(job: _Job) -> dict[str, Any]:

@@ -3,10 +3,8 @@
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +17,7 @@ from model.frames import UnitFrame
 from model.transforms import canonical_sign
 from model.types import FloatArray, IntArray
 from training.exhaustive import Search, Settings
+from training.parallel import spread
 from training.prepare import SourceFile, find_meshes
 from training.truth import Truth, TruthAxis, load, save
 
@@ -99,7 +98,8 @@ def groundtruth(
         part.write_text(head + "\n", encoding="utf-8")
     left = [(source, settings) for source in sources if source.name not in done]
     with part.open("a", encoding="utf-8") as lines:
-        for record in tqdm(_run(left, workers), total=len(left), unit="mesh", disable=not progress, mininterval=30.0):
+        found = spread(_search, left, workers, chunk=4)
+        for record in tqdm(found, total=len(left), unit="mesh", disable=not progress, mininterval=30.0):
             done[record["name"]] = record
             lines.write(json.dumps(record, separators=(",", ":")) + "\n")
             lines.flush()
@@ -109,14 +109,6 @@ def groundtruth(
     save(out, entries, asdict(settings), digest.hexdigest())
     part.unlink()
     return Summary(len(entries), len(left), len(records) - len(entries))
-
-
-def _run(jobs: list[tuple[SourceFile, Settings]], workers: int) -> Iterator[dict[str, Any]]:
-    if workers <= 1:
-        yield from map(_search, jobs)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_search, jobs, chunksize=4)
 
 
 def _search(job: tuple[SourceFile, Settings]) -> dict[str, Any]:

@@ -4,10 +4,8 @@ import csv
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from model.mesh import Mesh
 from model.sampling import sample_surface
 from model.surface import SurfaceIndex
 from model.voxels import voxelize
+from training.parallel import spread
 from training.prepared import FORMAT_VERSION, dequantise, quantise
 
 SHARD_SHAPES = 256
@@ -108,18 +107,10 @@ def prepare(folders: Sequence[Path], out: Path, options: Options, workers: int =
     ]
     results: list[dict[str, Any]] = []
     with tqdm(total=len(sources), unit="mesh", disable=not progress) as bar:
-        for job, result in zip(jobs, _run(jobs, workers), strict=True):
+        for job, result in zip(jobs, spread(_prepare_shard, jobs, workers), strict=True):
             results.append(result)
             bar.update(len(job[0]))
     return _finish(out, results, options)
-
-
-def _run(jobs: list[tuple[list[SourceFile], Path, Options]], workers: int) -> Iterator[dict[str, Any]]:
-    if workers <= 1:
-        yield from map(_prepare_shard, jobs)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_prepare_shard, jobs)
 
 
 def _prepare_shard(job: tuple[list[SourceFile], Path, Options]) -> dict[str, Any]:
