@@ -96,6 +96,10 @@ class PreparedSet:
         """Whether every shard holds the array ``name``."""
         return all((shard / f"{name}.npy").is_file() for shard in self.shards)
 
+    def exact(self, grid: int) -> bool:
+        """Whether the set holds samples, and closest points for a grid of this resolution."""
+        return self.has("closest") and self.has("samples") and self.manifest["resolution"] == grid
+
     def arrays(self, name: str) -> list[NDArray[Any]]:
         """The array ``name`` of every shard, memory-mapped."""
         return [np.load(shard / f"{name}.npy", mmap_mode="r") for shard in self.shards]
