@@ -74,6 +74,10 @@ def fit(
     prepared: Annotated[Path, typer.Argument(help="A prepared set.")],
     run: Annotated[Path, typer.Option("--run", "-r", help="Folder of the run; an interrupted run is resumed.")],
     recipe: Annotated[str, typer.Option(help="A shipped recipe (default, paper) or a TOML file.")] = "default",
+    mix: Annotated[
+        list[str] | None,
+        typer.Option(help="PREPARED:SHARE: so much of what is drawn comes from another set; may be repeated."),
+    ] = None,
     device: Annotated[str | None, typer.Option(help="cuda, cpu, ...; a GPU if there is one.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
@@ -86,6 +90,7 @@ def fit(
     import torch
 
     from training.fit import fit as train
+    from training.mixture import Mixture
     from training.prepared import PreparedSet
     from training.recipe import Recipe
 
@@ -97,6 +102,8 @@ def fit(
         if seed is not None:
             chosen = chosen.replace(seed=seed)
         data = PreparedSet(prepared)
+        if mix:
+            data = Mixture(data, [_share(entry) for entry in mix])
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress)
@@ -268,6 +275,17 @@ def curve(
 
     draw_curves(runs, out)
     typer.echo(f"wrote {out}")
+
+
+def _share(entry: str) -> Any:
+    """PREPARED:SHARE as a prepared set and a number."""
+    from training.prepared import PreparedSet
+
+    path, _, share = entry.rpartition(":")
+    try:
+        return PreparedSet(path), float(share)
+    except ValueError as error:
+        raise ValueError(f"--mix takes PREPARED:SHARE, not {entry!r} ({error})") from error
 
 
 def _bars(steps: int, shown: bool) -> tuple[Any, Any, Any]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -24,6 +23,7 @@ from training.prepared import PreparedSet
 from training.pretraining import PlaneLabels, supervised
 from training.recipe import OptimizerRecipe, Recipe
 from training.revision import git_revision
+from training.sampling import Sampler
 from training.store import ShapeStore
 
 VALIDATION_SHAPES = 512
@@ -115,15 +115,6 @@ def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
     return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done)))
 
 
-def draw_shapes(pool: Tensor, recipe: Recipe, step: int) -> Tensor:
-    """The shapes of a step: epochs of shuffled training indices, cut into batches; the last, short one is left out."""
-    batch = min(recipe.optimizer.batch, len(pool))
-    per_epoch = len(pool) // batch
-    epoch, within = divmod(step, per_epoch)
-    order = np.random.default_rng([recipe.seed, epoch]).permutation(len(pool))
-    return pool[torch.from_numpy(order[within * batch : (within + 1) * batch]).to(pool.device)]
-
-
 @torch.no_grad()
 def validate(
     network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe, labels: PlaneLabels | None = None
@@ -187,7 +178,7 @@ def fit(
     run = Path(run)
     run.mkdir(parents=True, exist_ok=True)
     torch_device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-    data = {"manifest_sha256": prepared.sha256, "shapes": len(prepared), "skipped": prepared.manifest["skipped"]}
+    data = prepared.record()
     labels = None
     if recipe.supervision.weight > 0:
         labels = PlaneLabels(prepared, torch_device, recipe.supervision.max_error)
@@ -200,10 +191,8 @@ def fit(
         stamp.write_text(identity)
         (run / "revision").write_text(git_revision())
     train_index, validation_index = prepared.split(recipe.validation_share)
-    if len(train_index) == 0:
-        raise ValueError("the prepared set holds no shape to train on")
+    sampler = Sampler(prepared, train_index, recipe)
     store = ShapeStore(prepared, torch_device, recipe.loss.grid, on_derive)
-    pool = torch.from_numpy(train_index).to(torch_device)
     held_out = torch.from_numpy(validation_index if len(validation_index) else train_index).to(torch_device)
     held_out = held_out[:VALIDATION_SHAPES]
 
@@ -228,7 +217,7 @@ def fit(
         for group in optimizer.param_groups:
             group["lr"] = rate
         generator.manual_seed(recipe.seed * 1_000_003 + step)
-        batch = batch_losses(network, store, draw_shapes(pool, recipe, step), recipe, generator, labels)
+        batch = batch_losses(network, store, sampler.draw(step).to(torch_device), recipe, generator, labels)
         losses = batch.losses
         total = losses.total + recipe.supervision.weight_at(step) * batch.supervision
         optimizer.zero_grad(set_to_none=True)

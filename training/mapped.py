@@ -38,7 +38,7 @@ class MappedArrays:
             self._samples, self._closest = _open(prepared, "samples"), _open(prepared, "closest")
         else:
             self._samples, self._closest = self._derived(prepared, grid, progress)
-        self.stored_samples = self._samples[0].shape[1]
+        self.stored_samples = min(part.shape[1] for part in self._samples)
 
     def meshes(self, shapes: Tensor) -> MeshBatch:
         """The triangles of ``shapes`` ``(b,)`` in the canonical frame."""
@@ -84,7 +84,7 @@ class MappedArrays:
         for number, shard in enumerate(prepared.shards):
             count = int((self._shard_of == number).sum())
             digest = prepared.manifest["shards"][number]["sha256"][:12]
-            folder = prepared.root / f"derived-{grid}" / f"{shard.name}-{digest}"
+            folder = shard.parent / f"derived-{grid}" / f"{shard.name}-{digest}"
             if not (folder / "closest.npy").is_file():
                 folder.mkdir(parents=True, exist_ok=True)
                 points = _create(folder / "samples.tmp", (count, DERIVED_SAMPLES, 3))

@@ -80,6 +80,10 @@ class PreparedSet:
         """The data manifest hash: names and content of every shard."""
         return str(self.manifest["sha256"])
 
+    def record(self) -> dict[str, Any]:
+        """What a run and shipped weights say of their data."""
+        return {"manifest_sha256": self.sha256, "shapes": len(self), "skipped": self.manifest["skipped"]}
+
     @cached_property
     def labels(self) -> dict[str, Any] | None:
         """What `training label` wrote: method, counts and ``sha256``; None where the set has no labels."""

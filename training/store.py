@@ -84,7 +84,9 @@ class ResidentArrays:
         self._vertices = torch.from_numpy(vertices).to(device)
         self._faces = torch.from_numpy(np.concatenate(prepared.arrays("faces"))).to(device)
         if prepared.exact(grid):
-            self._samples = _signed(np.concatenate(prepared.arrays("samples"))).to(device)
+            samples = prepared.arrays("samples")
+            least = min(part.shape[1] for part in samples)
+            self._samples = _signed(np.concatenate([part[:, :least] for part in samples])).to(device)
             self._closest = _signed(np.concatenate(prepared.arrays("closest"))).to(device)
         else:
             self._derive(len(prepared), device, progress)
