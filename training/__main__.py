@@ -1,4 +1,4 @@
-"""Command line: `python -m training prepare | fit | export | evaluate | groundtruth | shapes`.
+"""Command line: `python -m training prepare | label | fit | export | evaluate | groundtruth | shapes`.
 
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
@@ -37,6 +37,36 @@ def prepare(
         raise typer.BadParameter(str(error)) from error
     typer.echo(f"{summary.shapes} shapes prepared, {summary.skipped} skipped ({out / 'skipped.csv'})")
     typer.echo(f"data manifest {summary.sha256}")
+
+
+@app.command()
+def label(
+    prepared: Annotated[Path, typer.Argument(help="A prepared set; the labels are written into it.")],
+    method: Annotated[
+        str,
+        typer.Option(help="scan: full mode without a network; pca: refined planes of PCA; groundtruth: from a file."),
+    ] = "scan",
+    truth: Annotated[
+        Path | None, typer.Option("--groundtruth", help="The file that `groundtruth` wrote of the same folders.")
+    ] = None,
+    planes: Annotated[int, typer.Option(min=1, help="At most so many planes a shape, the best.")] = 16,
+    max_error: Annotated[float, typer.Option(help="Largest symmetry error (SDE) of a label.")] = 4e-4,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Find planes with a classical method, for the recipe's section [supervision]. Call it again to resume."""
+    from training.labels import Options
+    from training.labels import label as run
+    from training.prepared import PreparedSet
+
+    try:
+        summary = run(PreparedSet(prepared), Options(method, planes, max_error), truth, workers, progress)
+    except (ValueError, OSError) as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(
+        f"{summary.labelled} of {summary.shapes} shapes labelled: {summary.planes} planes, "
+        f"{summary.axes} continuous axes"
+    )
 
 
 @app.command()

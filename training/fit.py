@@ -21,6 +21,7 @@ from model.network import PRSNet
 from training.inputs import draw_inputs, voxels_of
 from training.losses import Losses, combine, reflections, rotation_matrices
 from training.prepared import PreparedSet
+from training.pretraining import PlaneLabels, supervised
 from training.recipe import OptimizerRecipe, Recipe
 from training.revision import git_revision
 from training.store import ShapeStore
@@ -30,6 +31,7 @@ _VALIDATION_SEED = 20_190_419
 COLUMNS: tuple[str, ...] = (
     "step", "loss", "symmetry", "regularization", "best_plane", "learning_rate", "gradient_norm", "turn", "half_turn",
     "samples_per_second", "validation_loss", "validation_best_plane", "validation_plane", "validation_share",
+    "supervision", "validation_supervision",
 )  # fmt: skip
 
 
@@ -51,16 +53,32 @@ class Progress:
     seconds_left: float
 
 
+@dataclass(slots=True)
+class Batch:
+    """One batch: its losses, and what was predicted in the fed frame, detached.
+
+    ``planes`` ``(b, p, 4)``, ``quaternions`` ``(b, r, 4)``; ``supervision`` is the supervised loss before its weight,
+    which is no part of the losses, 0 without labels.
+    """
+
+    losses: Losses
+    planes: Tensor
+    quaternions: Tensor
+    supervision: Tensor
+
+
 def batch_losses(
-    network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe, generator: torch.Generator
-) -> tuple[Losses, Tensor, Tensor]:
+    network: PRSNet,
+    store: ShapeStore,
+    shapes: Tensor,
+    recipe: Recipe,
+    generator: torch.Generator,
+    labels: PlaneLabels | None = None,
+) -> Batch:
     """Draw inputs for ``shapes`` ``(b,)``, run the network, evaluate the loss in the canonical frame.
 
     The predicted transforms are turned back into the canonical frame and act on the samples there; the transformed
     points are looked up in the canonical closest-point grid, so no grid is ever recomputed.
-
-    Returns:
-        the losses, the planes ``(b, p, 4)`` and the quaternions ``(b, r, 4)`` in the fed frame.
     """
     fed, pose = draw_inputs(store.meshes(shapes), recipe.input, recipe.damage, generator)
     voxels = voxels_of(fed, recipe.network.resolution).contiguous(memory_format=torch.channels_last_3d)
@@ -82,7 +100,8 @@ def batch_losses(
         distances = distances.masked_fill(store.occupied(transformed.detach(), closest), 0.0)
     distances = distances.unflatten(1, (recipe.loss.samples, heads))
     losses = combine(distances, planes, quaternions, recipe.loss.regularization, recipe.loss.best_head)
-    return losses, planes.detach(), quaternions.detach()
+    guided = planes.new_zeros(()) if labels is None else supervised(labels, shapes, planes, pose, recipe.supervision)
+    return Batch(losses, planes.detach(), quaternions.detach(), guided)
 
 
 def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
@@ -106,24 +125,28 @@ def draw_shapes(pool: Tensor, recipe: Recipe, step: int) -> Tensor:
 
 
 @torch.no_grad()
-def validate(network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe) -> dict[str, float]:
+def validate(
+    network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe, labels: PlaneLabels | None = None
+) -> dict[str, float]:
     """Losses on held-out shapes, always the same inputs; errors come from the training grid and are biased up."""
     network.eval()
     generator = torch.Generator(store.device).manual_seed(_VALIDATION_SEED)
-    totals, planes = [], []
+    total, guided, planes = 0.0, 0.0, []
     for chunk in shapes.split(64):
-        losses, _, _ = batch_losses(network, store, chunk, recipe, generator)
-        totals.append(float(losses.total) * len(chunk))
-        planes.append(losses.plane_errors)
+        batch = batch_losses(network, store, chunk, recipe, generator, labels)
+        total += float(batch.losses.total) * len(chunk)
+        guided += float(batch.supervision) * len(chunk)
+        planes.append(batch.losses.plane_errors)
     network.train()
     errors = torch.cat(planes)
     best = errors.amin(1)
-    return {
-        "validation_loss": sum(totals) / len(shapes),
+    measured = {
+        "validation_loss": total / len(shapes),
         "validation_best_plane": float(best.mean()),
         "validation_plane": float(errors.mean()),
         "validation_share": float((best <= 4e-4).float().mean()),
     }
+    return measured if labels is None else {**measured, "validation_supervision": guided / len(shapes)}
 
 
 def fit(
@@ -158,12 +181,17 @@ def fit(
         the path of the best checkpoint.
 
     Raises:
-        ValueError: ``run`` holds a run of another recipe or other data, or there is nothing to train on.
+        ValueError: ``run`` holds a run of another recipe or other data, there is nothing to train on, or there are no
+            labels where the recipe asks for them.
     """
     run = Path(run)
     run.mkdir(parents=True, exist_ok=True)
     torch_device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
     data = {"manifest_sha256": prepared.sha256, "shapes": len(prepared), "skipped": prepared.manifest["skipped"]}
+    labels = None
+    if recipe.supervision.weight > 0:
+        labels = PlaneLabels(prepared, torch_device, recipe.supervision.max_error)
+        data["labels"] = prepared.labels
     identity = json.dumps({"recipe": recipe.to_dict(), "data": data}, indent=1, sort_keys=True)
     stamp = run / "run.json"
     if stamp.is_file() and stamp.read_text() != identity:
@@ -200,9 +228,11 @@ def fit(
         for group in optimizer.param_groups:
             group["lr"] = rate
         generator.manual_seed(recipe.seed * 1_000_003 + step)
-        losses, planes, quaternions = batch_losses(network, store, draw_shapes(pool, recipe, step), recipe, generator)
+        batch = batch_losses(network, store, draw_shapes(pool, recipe, step), recipe, generator, labels)
+        losses = batch.losses
+        total = losses.total + recipe.supervision.weight_at(step) * batch.supervision
         optimizer.zero_grad(set_to_none=True)
-        losses.total.backward()
+        total.backward()
         limit = recipe.optimizer.clip_norm or math.inf
         norm = torch.nn.utils.clip_grad_norm_(network.parameters(), limit)
         optimizer.step()
@@ -215,21 +245,25 @@ def fit(
             mark, marked_step = now, step
             row: dict[str, float] = {
                 "step": step,
-                "loss": float(losses.total.detach()),
+                "loss": float(total.detach()),
                 "symmetry": float(losses.symmetry),
                 "regularization": float(losses.regularization),
                 "best_plane": float(losses.plane_errors.amin(1).mean()),
                 "learning_rate": rate,
                 "gradient_norm": float(norm),
                 # Collapse monitors: how much the normals vary over the batch, and the mean sine of half the angle.
-                "turn": float(planes[..., :3].std(0).mean()),
-                "half_turn": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
+                "turn": float(batch.planes[..., :3].std(0).mean()),
+                "half_turn": float(batch.quaternions[..., 1:].norm(dim=-1).mean())
+                if batch.quaternions.numel()
+                else 0.0,
                 "samples_per_second": speed,
             }
+            if labels is not None:
+                row["supervision"] = float(batch.supervision.detach())
             if not math.isfinite(row["loss"]):
                 raise FloatingPointError(f"the loss is not finite at step {step}; lower the learning rate")
             if validating:
-                row |= validate(network, store, held_out, recipe)
+                row |= validate(network, store, held_out, recipe, labels)
                 state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "step": step}
                 if row["validation_loss"] < best:
                     best = row["validation_loss"]

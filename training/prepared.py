@@ -12,7 +12,7 @@
         voxels.npy           (n, R^3 / 8) uint8, the unit frame's voxels, bits packed
         closest.npy          (n, R^3, 3) uint16, exact closest surface point to each voxel centre
 
-The last three are absent from a set prepared with `--mesh-only`; `fit` then derives what it needs.
+Samples, voxels and closest points are absent from a set prepared with `--mesh-only`; `fit` then derives what it needs.
 """
 
 import csv
@@ -79,6 +79,13 @@ class PreparedSet:
     def sha256(self) -> str:
         """The data manifest hash: names and content of every shard."""
         return str(self.manifest["sha256"])
+
+    @cached_property
+    def labels(self) -> dict[str, Any] | None:
+        """What `training label` wrote: method, counts and ``sha256``; None where the set has no labels."""
+        record = self.root / "labels.json"
+        labels = json.loads(record.read_text()) if record.is_file() else None
+        return labels if labels is not None and labels["set"] == self.sha256 else None
 
     @cached_property
     def shards(self) -> list[Path]:

@@ -55,6 +55,25 @@ class LossRecipe:
 
 
 @dataclass(frozen=True, slots=True)
+class SupervisionRecipe:
+    """Planes of a classical method as an example (paper, "Network Pre-training"); needs `training label`.
+
+    ``weight`` times the distance to the known planes is added to the loss: until the step ``until_step``, or all along
+    where that is 0. ``heads`` weighs how far every head is from its nearest known plane, beside how far every known
+    plane is from its nearest head. Known planes with an error above ``max_error`` do not count.
+    """
+
+    weight: float = 0.0
+    until_step: int = 0
+    heads: float = 1.0
+    max_error: float = 4e-4
+
+    def weight_at(self, step: int) -> float:
+        """The weight that holds in a step."""
+        return self.weight if self.until_step == 0 or step < self.until_step else 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class OptimizerRecipe:
     """Adam. ``one-cycle`` warms up linearly over the share ``warmup`` of the run, then follows a cosine to zero."""
 
@@ -88,6 +107,7 @@ class Recipe:
     input: InputRecipe = field(default_factory=InputRecipe)
     damage: DamageRecipe = field(default_factory=DamageRecipe)
     loss: LossRecipe = field(default_factory=LossRecipe)
+    supervision: SupervisionRecipe = field(default_factory=SupervisionRecipe)
     optimizer: OptimizerRecipe = field(default_factory=OptimizerRecipe)
     inference: InferenceRecipe = field(default_factory=InferenceRecipe)
 
