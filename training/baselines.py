@@ -1,6 +1,8 @@
 """What the network is measured against: planes from classical methods, in the unit frame."""
 
 import numpy as np
+from scipy.spatial import QhullError
+from trimesh.bounds import oriented_bounds
 
 from model.checkpoint import Checkpoint, InputSpec
 from model.frames import inertia_frame
@@ -15,6 +17,23 @@ def pca_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
     ``(3, 4)`` rows ``(n, 0)``.
     """
     return np.hstack([inertia_frame(vertices, faces)[0], np.zeros((3, 1))])
+
+
+def box_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Oriented bounding box (paper, section 6.2): the three mid-planes of the box of least volume.
+
+    ``vertices`` ``(v, 3)`` in the unit frame; returns ``(3, 4)`` rows ``(n, d)``. The box comes from trimesh: one side
+    of it lies on a face of the convex hull. A flat shape has no hull and gets the box along its principal axes.
+    """
+    points = vertices[np.unique(faces)]
+    try:
+        to_box, _ = oriented_bounds(points)
+    except (QhullError, ValueError):
+        to_box = np.eye(4)
+        to_box[:3, :3] = inertia_frame(vertices, faces)[0]
+        turned = points @ to_box[:3, :3].T
+        to_box[:3, 3] = -(turned.max(0) + turned.min(0)) / 2.0
+    return np.ascontiguousarray(to_box[:3])
 
 
 def untrained(spec: InputSpec) -> Checkpoint:
