@@ -17,13 +17,24 @@ Verbose = Annotated[bool, typer.Option("--progress/--no-progress", help="Show a 
 
 @app.command()
 def prepare(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; ShapeNetCore.v2's layout is recognised.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folders of meshes, plain or as ShapeNetCore.v2, ModelNet, ABC and Thingi10K are published."
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Where the prepared set goes.")],
     samples: Annotated[int, typer.Option(min=1000, help="Surface samples stored a shape.")] = 4096,
     resolution: Annotated[int, typer.Option(help="Edge of the voxel and closest-point grids.")] = 32,
     mesh_only: Annotated[
         bool, typer.Option(help="Leave out what `fit` can derive: a tenth of the size, to travel to another machine.")
     ] = False,
+    split: Annotated[
+        str | None, typer.Option(help="Take only this part, where the data has an official one: train, val or test.")
+    ] = None,
+    manifest: Annotated[
+        Path | None, typer.Option(help="CSV file: path, and any of source, category, licence, split.")
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     progress: Verbose = True,
 ) -> None:
@@ -32,8 +43,9 @@ def prepare(
     from training.prepare import prepare as run
 
     try:
-        summary = run(folders, out, Options(resolution, samples, mesh_only), workers, progress)
-    except ValueError as error:
+        options = Options(resolution, samples, mesh_only)
+        summary = run(folders, out, options, workers, progress, split=split, manifest=manifest)
+    except (ValueError, OSError) as error:
         raise typer.BadParameter(str(error)) from error
     typer.echo(f"{summary.shapes} shapes prepared, {summary.skipped} skipped ({out / 'skipped.csv'})")
     typer.echo(f"data manifest {summary.sha256}")
