@@ -3,6 +3,7 @@
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -94,19 +95,30 @@ def fit(
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads of torch.")] = 1,
+    amp: Annotated[
+        str | None, typer.Option(help="bf16: convolutions in bfloat16, for GPUs; the loss stays in float32.")
+    ] = None,
     max_minutes: Annotated[float | None, typer.Option(help="Stop after this long, to be resumed.")] = None,
     tensorboard: Annotated[bool, typer.Option(help="Write TensorBoard curves beside the CSV.")] = True,
     progress: Verbose = True,
 ) -> None:
-    """Train a network. Needs torch and numpy alone, beside this command line."""
+    """Train a network. Needs torch and numpy alone, beside this command line.
+
+    Several processes, one for each GPU: `torchrun --nproc-per-node 4 -m training fit ...`. The recipe's batch is
+    divided among them, and the result is that of one process.
+    """
     import torch
 
     from training.fit import fit as train
     from training.mixture import Mixture
+    from training.monitor import CollapseError
     from training.prepared import PreparedSet
     from training.recipe import Recipe
 
     torch.set_num_threads(threads)
+    if amp not in (None, "bf16"):
+        raise typer.BadParameter(f"--amp is bf16 or left out, not {amp!r}")
+    main = os.environ.get("RANK", "0") == "0"
     try:
         chosen = Recipe.load(recipe)
         if steps is not None:
@@ -118,24 +130,30 @@ def fit(
             data = Mixture(data, [_share(entry) for entry in mix])
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
-    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress)
+    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress and main)
     try:
         best = train(
             chosen,
             data,
             run,
             device=device,
+            precision="float32" if amp is None else "bf16",
             max_seconds=None if max_minutes is None else 60.0 * max_minutes,
             on_progress=on_progress,
             on_derive=on_derive,
-            writer=_tensorboard(run) if tensorboard else None,
+            on_message=lambda message: typer.echo(message, err=True),
+            writer=_tensorboard(run) if tensorboard and main else None,
         )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
+    except (CollapseError, FloatingPointError) as error:
+        typer.echo(f"The run was ended: {error}", err=True)
+        raise typer.Exit(1) from error
     finally:
         if bar is not None:
             bar.close()
-    typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
+    if main:
+        typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
 
 
 @app.command()
