@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from model.network import PRSNet
 from training.distributed import World, join
-from training.inputs import draw_inputs, voxels_of
+from training.inputs import Pose, draw_inputs, voxels_of
 from training.losses import Losses, combine, reflections, rotation_matrices
 from training.monitor import CollapseMonitor, memory_in_use
 from training.precision import Precision, keep_heads_exact, mixed
@@ -79,7 +79,8 @@ def batch_losses(
     samples = store.draw_samples(shapes, recipe.loss.samples, generator)
     if world is not None and world.size > 1:
         own = world.part(len(shapes))
-        fed, pose, samples, shapes = fed.part(own), pose.part(own), samples[own], shapes[own]
+        fed, samples, shapes = fed.part(own), samples[own], shapes[own]
+        pose = Pose(pose.rotation[own], pose.center[own], pose.scale[own])
     voxels = voxels_of(fed, recipe.network.resolution).contiguous(memory_format=torch.channels_last_3d)
     with mixed(precision, voxels.device):
         planes, quaternions = network(voxels)

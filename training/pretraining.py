@@ -15,6 +15,9 @@ from training.inputs import Pose
 from training.prepared import PreparedSet
 from training.recipe import SupervisionRecipe
 
+_SOFT = 1e-3
+"""Where the plain distance turns into a square: at a twentieth of a degree."""
+
 
 @dataclass(slots=True)
 class Targets:
@@ -59,12 +62,13 @@ def canonical_planes(planes: Tensor, pose: Pose) -> Tensor:
     return torch.cat([normals, (planes[..., 3] * pose.scale[:, None] - shift)[..., None]], dim=-1)
 
 
-def supervision(planes: Tensor, targets: Targets, heads: float) -> Tensor:
+def supervision(planes: Tensor, targets: Targets, heads: float, plain: bool = False) -> Tensor:
     """How far predicted planes ``(b, p, 4)`` are from the known ones, both in the canonical frame: ``(b,)``.
 
-    The distance of two planes is the ground-truth error, ``min |(n, d) -+ (n', d')|^2``. Every known plane counts with
-    its nearest head, of at most as many known planes as there are heads, those with the nearest ones: a cube must not
-    pull three heads nine ways. ``heads`` times the mean distance of every head to its nearest known plane comes on
+    The distance of two planes is the ground-truth error, ``min |(n, d) -+ (n', d')|^2``, or with ``plain`` its root:
+    about the angle between them, which goes on pulling where the square has all but vanished. Every known plane counts
+    with its nearest head, of at most as many known planes as there are heads, those with the nearest ones: a cube must
+    not pull three heads nine ways. ``heads`` times the mean distance of every head to its nearest known plane comes on
     top. Planes through a continuous axis are one target, wherever a head stands: its nearest one. A shape of which
     nothing is known counts zero.
     """
@@ -72,8 +76,13 @@ def supervision(planes: Tensor, targets: Targets, heads: float) -> Tensor:
     nearest = _through_axis(planes.detach(), targets.direction, targets.point)
     rows = torch.cat([rows, nearest[:, :, None]], dim=2)
     known = torch.cat([targets.known, (targets.direction != 0).any(1, keepdim=True)], dim=1)
-    inner = (rows * planes[:, :, None]).sum(-1).abs()
-    distances = rows.square().sum(-1) + planes.square().sum(-1)[:, :, None] - 2.0 * inner
+    if plain:
+        # The sum of squared differences, not 2 - 2 |inner|: close to zero that is rounding alone.
+        sign = torch.where((rows * planes[:, :, None]).sum(-1, keepdim=True) < 0, -1.0, 1.0)
+        distances = ((sign * rows - planes[:, :, None]).square().sum(-1) + _SOFT**2).sqrt()
+    else:
+        inner = (rows * planes[:, :, None]).sum(-1).abs()
+        distances = rows.square().sum(-1) + planes.square().sum(-1)[:, :, None] - 2.0 * inner
     distances = distances.masked_fill(~known[:, None], torch.inf)
     count = known.sum(1)
     asked = distances.amin(1).sort(1).values[:, : planes.shape[1]]
@@ -85,7 +94,7 @@ def supervision(planes: Tensor, targets: Targets, heads: float) -> Tensor:
 
 def supervised(labels: PlaneLabels, shapes: Tensor, planes: Tensor, pose: Pose, recipe: SupervisionRecipe) -> Tensor:
     """The supervised loss of a batch, before its weight: `supervision`, averaged over the shapes."""
-    return supervision(canonical_planes(planes, pose), labels.of(shapes), recipe.heads).mean()
+    return supervision(canonical_planes(planes, pose), labels.of(shapes), recipe.heads, recipe.plain).mean()
 
 
 def _through_axis(planes: Tensor, direction: Tensor, point: Tensor) -> Tensor:

@@ -30,11 +30,19 @@ class InputRecipe:
 
 @dataclass(frozen=True, slots=True)
 class DamageRecipe:
-    """Holes cut into the input while the loss still judges on the whole shape (paper, section 6.6)."""
+    """What is done to the input while the loss still judges on the whole shape (paper, section 6.6).
+
+    ``share`` of the shapes lose the triangles in a ball, its ``radius`` (from, to) a share of the unit frame's edge.
+    ``cuts`` of the shapes lose what lies beyond a random plane: a missing bottom, a scan from one side. Neither takes
+    more than half of the surface. Of ``noise`` of the shapes every vertex is moved, by at most ``noise_size`` standard
+    deviations (unit frame) a coordinate.
+    """
 
     share: float = 0.0
     radius: tuple[float, float] = (0.1, 0.3)
-    """Radius of the ball of removed triangles, as a share of the unit frame's edge."""
+    cuts: float = 0.0
+    noise: float = 0.0
+    noise_size: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +75,8 @@ class SupervisionRecipe:
     until_step: int = 0
     heads: float = 1.0
     max_error: float = 4e-4
+    plain: bool = False
+    """The distance of two planes itself instead of its square."""
 
     def weight_at(self, step: int) -> float:
         """The weight that holds in a step."""
@@ -185,7 +195,8 @@ def _checked(hint: Any, value: Any, where: str) -> Any:
             raise ValueError(f"{where} must be one of {', '.join(map(str, choices))}, not {value!r}")
         return value
     if getattr(hint, "__origin__", None) is tuple:
-        return tuple(float(item) for item in value)
+        items = hint.__args__[0]
+        return tuple(_checked(items, item, where) for item in value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
