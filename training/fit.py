@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from model.network import PRSNet
 from training.distributed import World, join
-from training.inputs import Pose, draw_inputs, voxels_of
-from training.losses import Losses, combine, reflections, rotation_matrices
 from training.monitor import CollapseMonitor, memory_in_use
-from training.precision import Precision, keep_heads_exact, mixed
+from training.objective import Batch, batch_losses, validate
+from training.precision import Precision, keep_heads_exact
 from training.prepared import PreparedSet
-from training.pretraining import PlaneLabels, supervised
+from training.pretraining import PlaneLabels
 from training.recipe import OptimizerRecipe, Recipe
 from training.records import RunLog, Writer, append, save, trim
 from training.revision import git_revision
@@ -29,7 +28,6 @@ from training.sampling import Sampler
 from training.store import ShapeStore
 
 VALIDATION_SHAPES = 512
-_VALIDATION_SEED = 20_190_419
 EARLY_STEPS = 20
 """Speed and memory are said after so many steps, so that a hopeless run need not be waited for."""
 
@@ -45,65 +43,6 @@ class Progress:
     seconds_left: float
 
 
-@dataclass(slots=True)
-class Batch:
-    """One batch: its losses, and what was predicted in the fed frame, detached.
-
-    ``planes`` ``(b, p, 4)``, ``quaternions`` ``(b, r, 4)``; ``supervision`` is the supervised loss before its weight,
-    which is no part of the losses, 0 without labels.
-    """
-
-    losses: Losses
-    planes: Tensor
-    quaternions: Tensor
-    supervision: Tensor
-
-
-def batch_losses(
-    network: nn.Module,
-    store: ShapeStore,
-    shapes: Tensor,
-    recipe: Recipe,
-    generator: torch.Generator,
-    labels: PlaneLabels | None = None,
-    world: World | None = None,
-    precision: Precision = "float32",
-) -> Batch:
-    """Draw inputs for ``shapes`` ``(b,)``, run the network, evaluate the loss in the canonical frame.
-
-    The predicted transforms are turned back into the canonical frame and act on the samples there; the transformed
-    points are looked up in the canonical closest-point grid, so no grid is ever recomputed. Among several processes
-    everything random is drawn for the whole batch, and the rest is done for this process's part of it.
-    """
-    fed, pose = draw_inputs(store.meshes(shapes), recipe.input, recipe.damage, generator)
-    samples = store.draw_samples(shapes, recipe.loss.samples, generator)
-    if world is not None and world.size > 1:
-        own = world.part(len(shapes))
-        fed, samples, shapes = fed.part(own), samples[own], shapes[own]
-        pose = Pose(pose.rotation[own], pose.center[own], pose.scale[own])
-    voxels = voxels_of(fed, recipe.network.resolution).contiguous(memory_format=torch.channels_last_3d)
-    with mixed(precision, voxels.device):
-        planes, quaternions = network(voxels)
-    mirrors, shifts = reflections(planes)
-    linear = torch.cat([mirrors, rotation_matrices(quaternions)], dim=1)
-    shift = torch.cat([shifts, quaternions.new_zeros((*quaternions.shape[:2], 3))], dim=1)
-    linear, shift = pose.to_canonical(linear, shift)
-    heads = linear.shape[1]
-    # All heads in one product: the columns are (head, coordinate).
-    columns = linear.permute(0, 3, 1, 2).flatten(2)
-    transformed = torch.baddbmm(shift.flatten(1)[:, None], samples, columns).view(len(shapes), -1, 3)
-    closest = store.closest(shapes, transformed.detach())
-    distances = (transformed - closest).square().sum(-1)
-    if not recipe.loss.squared:
-        distances = (distances + 1e-12).sqrt()
-    if recipe.loss.mask_occupied:
-        distances = distances.masked_fill(store.occupied(transformed.detach(), closest), 0.0)
-    distances = distances.unflatten(1, (recipe.loss.samples, heads))
-    losses = combine(distances, planes, quaternions, recipe.loss.regularization, recipe.loss.best_head)
-    guided = planes.new_zeros(()) if labels is None else supervised(labels, shapes, planes, pose, recipe.supervision)
-    return Batch(losses, planes.detach(), quaternions.detach(), guided)
-
-
 def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
     """The rate of a step, a function of the step alone."""
     if recipe.schedule == "constant":
@@ -113,31 +52,6 @@ def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
         return recipe.learning_rate * (0.04 + 0.96 * step / warm)
     done = (step - warm) / max(1, recipe.steps - warm)
     return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done)))
-
-
-@torch.no_grad()
-def validate(
-    network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe, labels: PlaneLabels | None = None
-) -> dict[str, float]:
-    """Losses on held-out shapes, always the same inputs; errors come from the training grid and are biased up."""
-    network.eval()
-    generator = torch.Generator(store.device).manual_seed(_VALIDATION_SEED)
-    total, guided, planes = 0.0, 0.0, []
-    for chunk in shapes.split(64):
-        batch = batch_losses(network, store, chunk, recipe, generator, labels)
-        total += float(batch.losses.total) * len(chunk)
-        guided += float(batch.supervision) * len(chunk)
-        planes.append(batch.losses.plane_errors)
-    network.train()
-    errors = torch.cat(planes)
-    best = errors.amin(1)
-    measured = {
-        "validation_loss": total / len(shapes),
-        "validation_best_plane": float(best.mean()),
-        "validation_plane": float(errors.mean()),
-        "validation_share": float((best <= 4e-4).float().mean()),
-    }
-    return measured if labels is None else {**measured, "validation_supervision": guided / len(shapes)}
 
 
 def fit(
@@ -202,7 +116,8 @@ class _Trainer:
         on_derive: Callable[[int, int], None] | None,
         on_message: Callable[[str], None] | None,
     ) -> None:
-        self.recipe, self.run, self.world, self.precision = recipe, run, world, precision
+        self.recipe, self.run, self.world = recipe, run, world
+        self.precision: Precision = precision
         self.labels = (
             PlaneLabels(prepared, world.device, recipe.supervision.max_error) if recipe.supervision.weight > 0 else None
         )
@@ -295,7 +210,7 @@ class _Trainer:
                 warning = monitor.check(row)
                 if world.main:
                     if warning is not None:
-                        self._say(warning)
+                        self._say(f"warning: {warning}")
                     if validating:
                         self._keep(row)
                     append(self.run / "curve.csv", row, writer)

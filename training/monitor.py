@@ -58,7 +58,9 @@ class CollapseMonitor:
                 )
             if lasting >= self.patience / 2 and key not in self._warned:
                 self._warned.add(key)
-                return f"warning: {_MEANING[key]} for {lasting} steps ({key} {row[key]:.1e}); the run ends at twice that"
+                return (
+                    f"warning: {_MEANING[key]} for {lasting} steps ({key} {row[key]:.1e}); the run ends at twice that"
+                )
         return None
 
 

@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from model.network import PRSNet
-from training.fit import fit, learning_rate, validate
+from training.fit import fit, learning_rate
+from training.objective import validate
 from training.prepare import Options, prepare
 from training.prepared import PreparedSet
 from training.recipe import OptimizerRecipe, Recipe
