@@ -20,6 +20,7 @@ from training.fit import fit
 from training.groundtruth import groundtruth
 from training.inputs import Pose, uniform_rotations
 from training.labels import Options, label
+from training.mixture import Mixture
 from training.objective import batch_losses
 from training.prepare import Options as PrepareOptions
 from training.prepare import prepare
@@ -214,6 +215,20 @@ def test_supervision_ends_where_the_recipe_says():
     assert [recipe.weight_at(step) for step in (0, 59, 60, 1000)] == [100.0, 100.0, 0.0, 0.0]
     always = GUIDED.replace(supervision={"until_step": 0}).supervision
     assert always.weight_at(10**6) == 100.0
+
+
+def test_sets_labelled_with_different_numbers_of_planes_mix(small: PreparedSet, tmp_path: Path):
+    mesh = as_mesh(known("box", 7))
+    write_obj(tmp_path / "in" / "box.obj", mesh.vertices, mesh.faces)
+    prepare([tmp_path / "in"], tmp_path / "out", PrepareOptions(mesh_only=True), progress=False)
+    other = PreparedSet(tmp_path / "out")
+    with pytest.raises(ValueError, match="or a set mixed into it, has no labels"):
+        PlaneLabels(Mixture(small, [(other, 0.5)]), torch.device("cpu"), 1e-6)
+    label(other, Options(planes=2), progress=False)
+    labels = PlaneLabels(Mixture(small, [(PreparedSet(other.root), 0.5)]), torch.device("cpu"), 1e-6)
+    found = labels.of(torch.tensor([0, 16]))
+    assert found.known.sum(1).tolist() == [3, 2]
+    assert found.planes.isfinite().all()
 
 
 def test_a_set_without_labels_is_refused(prepared: PreparedSet, tmp_path: Path):
