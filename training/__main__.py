@@ -3,6 +3,7 @@
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,13 +18,24 @@ Verbose = Annotated[bool, typer.Option("--progress/--no-progress", help="Show a 
 
 @app.command()
 def prepare(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; ShapeNetCore.v2's layout is recognised.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folders of meshes, plain or as ShapeNetCore.v2, ModelNet, ABC and Thingi10K are published."
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Where the prepared set goes.")],
     samples: Annotated[int, typer.Option(min=1000, help="Surface samples stored a shape.")] = 4096,
     resolution: Annotated[int, typer.Option(help="Edge of the voxel and closest-point grids.")] = 32,
     mesh_only: Annotated[
         bool, typer.Option(help="Leave out what `fit` can derive: a tenth of the size, to travel to another machine.")
     ] = False,
+    split: Annotated[
+        str | None, typer.Option(help="Take only this part, where the data has an official one: train, val or test.")
+    ] = None,
+    manifest: Annotated[
+        Path | None, typer.Option(help="CSV file: path, and any of source, category, licence, split.")
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     progress: Verbose = True,
 ) -> None:
@@ -32,8 +44,9 @@ def prepare(
     from training.prepare import prepare as run
 
     try:
-        summary = run(folders, out, Options(resolution, samples, mesh_only), workers, progress)
-    except ValueError as error:
+        options = Options(resolution, samples, mesh_only)
+        summary = run(folders, out, options, workers, progress, split=split, manifest=manifest)
+    except (ValueError, OSError) as error:
         raise typer.BadParameter(str(error)) from error
     typer.echo(f"{summary.shapes} shapes prepared, {summary.skipped} skipped ({out / 'skipped.csv'})")
     typer.echo(f"data manifest {summary.sha256}")
@@ -74,6 +87,10 @@ def fit(
     prepared: Annotated[Path, typer.Argument(help="A prepared set.")],
     run: Annotated[Path, typer.Option("--run", "-r", help="Folder of the run; an interrupted run is resumed.")],
     recipe: Annotated[str, typer.Option(help="A shipped recipe (default, paper) or a TOML file.")] = "default",
+    mix: Annotated[
+        list[str] | None,
+        typer.Option(help="PREPARED:SHARE: so much of what is drawn comes from another set; may be repeated."),
+    ] = None,
     device: Annotated[str | None, typer.Option(help="cuda, cpu, ...; a GPU if there is one.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
@@ -81,18 +98,30 @@ def fit(
         list[str] | None, typer.Option("--set", help="SECTION.FIELD=VALUE instead of the recipe's; may be repeated.")
     ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads of torch.")] = 1,
+    amp: Annotated[
+        str | None, typer.Option(help="bf16: convolutions in bfloat16, for GPUs; the loss stays in float32.")
+    ] = None,
     max_minutes: Annotated[float | None, typer.Option(help="Stop after this long, to be resumed.")] = None,
     tensorboard: Annotated[bool, typer.Option(help="Write TensorBoard curves beside the CSV.")] = True,
     progress: Verbose = True,
 ) -> None:
-    """Train a network. Needs torch and numpy alone, beside this command line."""
+    """Train a network. Needs torch and numpy alone, beside this command line.
+
+    Several processes, one for each GPU: `torchrun --nproc-per-node 4 -m training fit ...`. The recipe's batch is
+    divided among them, and the result is that of one process.
+    """
     import torch
 
     from training.fit import fit as train
+    from training.mixture import Mixture
+    from training.monitor import CollapseError
     from training.prepared import PreparedSet
     from training.recipe import Recipe
 
     torch.set_num_threads(threads)
+    if amp not in (None, "bf16"):
+        raise typer.BadParameter(f"--amp is bf16 or left out, not {amp!r}")
+    main = os.environ.get("RANK", "0") == "0"
     try:
         chosen = Recipe.load(recipe).with_settings(settings or [])
         if steps is not None:
@@ -100,26 +129,34 @@ def fit(
         if seed is not None:
             chosen = chosen.replace(seed=seed)
         data = PreparedSet(prepared)
+        if mix:
+            data = Mixture(data, [_share(entry) for entry in mix])
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
-    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress)
+    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress and main)
     try:
         best = train(
             chosen,
             data,
             run,
             device=device,
+            precision="float32" if amp is None else "bf16",
             max_seconds=None if max_minutes is None else 60.0 * max_minutes,
             on_progress=on_progress,
             on_derive=on_derive,
-            writer=_tensorboard(run) if tensorboard else None,
+            on_message=lambda message: typer.echo(message, err=True),
+            writer=_tensorboard(run) if tensorboard and main else None,
         )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
+    except (CollapseError, FloatingPointError) as error:
+        typer.echo(f"The run was ended: {error}", err=True)
+        raise typer.Exit(1) from error
     finally:
         if bar is not None:
             bar.close()
-    typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
+    if main:
+        typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
 
 
 @app.command()
@@ -268,6 +305,17 @@ def curve(
 
     draw_curves(runs, out)
     typer.echo(f"wrote {out}")
+
+
+def _share(entry: str) -> Any:
+    """PREPARED:SHARE as a prepared set and a number."""
+    from training.prepared import PreparedSet
+
+    path, _, share = entry.rpartition(":")
+    try:
+        return PreparedSet(path), float(share)
+    except ValueError as error:
+        raise ValueError(f"--mix takes PREPARED:SHARE, not {entry!r} ({error})") from error
 
 
 def _bars(steps: int, shown: bool) -> tuple[Any, Any, Any]:

@@ -18,7 +18,6 @@ from tqdm import tqdm
 from model.checkpoint import InputSpec, load_checkpoint
 from model.detector import Detector, use_one_thread
 from model.errors import PRSNetError
-from model.formats import read_mesh
 from model.frames import UnitFrame
 from model.mesh import Mesh
 from model.sampling import sample_surface
@@ -29,9 +28,9 @@ from training.baselines import box_planes, pca_planes, untrained
 from training.damage import DAMAGES, Shown, show
 from training.groundtruth import find_symmetries
 from training.known_truth import written_truth
+from training.layouts import SourceFile, find_meshes, parse
 from training.matching import clear_axes_found, clear_planes_found, ground_truth_error, nearest_clear_plane
 from training.parallel import spread
-from training.prepare import SourceFile, find_meshes
 from training.truth import Truth, load
 
 JUDGE_SAMPLES = 1500
@@ -112,7 +111,7 @@ def _detectors(weights: tuple[str, ...]) -> dict[str, Detector]:
 def _judge_file(job: _Job) -> dict[str, Any]:
     head = {"name": job.source.name, "source": job.source.category or job.source.source}
     try:
-        mesh = read_mesh(job.source.path.read_bytes(), job.source.path.name)
+        mesh = parse(job.source.path.read_bytes(), job.source.path.name)
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
         shown = show(mesh.vertices, mesh.faces, job.options.damage, job.options.seed, job.index)
         UnitFrame.of(shown.vertices, shown.faces)

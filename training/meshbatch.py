@@ -35,6 +35,12 @@ class MeshBatch:
         kept = ~dropped
         return MeshBatch(self.corners[kept], self.shape[kept], self.size)
 
+    def part(self, which: slice) -> "MeshBatch":
+        """Some neighbouring shapes of the batch."""
+        first, last, _ = which.indices(self.size)
+        inside = (self.shape >= first) & (self.shape < last)
+        return MeshBatch(self.corners[inside], self.shape[inside] - first, last - first)
+
     @cached_property
     def areas(self) -> Tensor:
         """Triangle areas, ``(t,)``."""

@@ -44,9 +44,14 @@ class PlaneLabels:
             ValueError: the set has no labels.
         """
         if prepared.labels is None:
-            raise ValueError(f"{prepared.root} has no labels to learn from; run `training label` first")
-        rows = torch.from_numpy(np.concatenate(prepared.arrays("planes"))).to(device)
-        self._planes, self._known = rows[..., :4], rows[..., 4] <= max_error
+            raise ValueError(f"{prepared.root}, or a set mixed into it, has no labels; run `training label` first")
+        parts = prepared.arrays("planes")
+        rows = np.full((len(prepared), max(part.shape[1] for part in parts), 5), np.inf, dtype=np.float32)
+        for part, end in zip(parts, np.cumsum([len(part) for part in parts]).tolist(), strict=True):
+            rows[end - len(part) : end, : part.shape[1]] = part
+        labels = torch.from_numpy(rows).to(device)
+        self._known = labels[..., 4] <= max_error
+        self._planes = labels[..., :4].masked_fill(~self._known[..., None], 0.0)
         axes = torch.from_numpy(np.concatenate(prepared.arrays("families"))).to(device)
         self._direction, self._point = axes[:, :3], axes[:, 3:]
 

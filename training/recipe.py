@@ -85,6 +85,26 @@ class SupervisionRecipe:
 
 
 @dataclass(frozen=True, slots=True)
+class SamplingRecipe:
+    """Which shapes are drawn how often.
+
+    ``balance`` over ``source`` or ``category`` gives a group of n shapes a share that grows with n to the power of
+    1 - ``power``: 1 makes all groups equal, 0 leaves them as they are. ``per_category`` above zero makes an epoch of so
+    many draws of every group, each with its own augmentation (paper, section 6.1: 4,000), all equal.
+    """
+
+    balance: Literal["none", "source", "category"] = "none"
+    power: float = 1.0
+    per_category: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.power <= 1.0 or self.per_category < 0:
+            raise ValueError("sampling.power lies between 0 and 1, and sampling.per_category is not negative")
+        if self.per_category and self.balance == "none":
+            raise ValueError("sampling.per_category needs sampling.balance to say what a category is")
+
+
+@dataclass(frozen=True, slots=True)
 class OptimizerRecipe:
     """Adam. ``one-cycle`` warms up linearly over the share ``warmup`` of the run, then follows a cosine to zero."""
 
@@ -119,6 +139,7 @@ class Recipe:
     damage: DamageRecipe = field(default_factory=DamageRecipe)
     loss: LossRecipe = field(default_factory=LossRecipe)
     supervision: SupervisionRecipe = field(default_factory=SupervisionRecipe)
+    sampling: SamplingRecipe = field(default_factory=SamplingRecipe)
     optimizer: OptimizerRecipe = field(default_factory=OptimizerRecipe)
     inference: InferenceRecipe = field(default_factory=InferenceRecipe)
 
