@@ -94,6 +94,9 @@ def fit(
     device: Annotated[str | None, typer.Option(help="cuda, cpu, ...; a GPU if there is one.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="SECTION.FIELD=VALUE instead of the recipe's; may be repeated.")
+    ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads of torch.")] = 1,
     amp: Annotated[
         str | None, typer.Option(help="bf16: convolutions in bfloat16, for GPUs; the loss stays in float32.")
@@ -120,7 +123,7 @@ def fit(
         raise typer.BadParameter(f"--amp is bf16 or left out, not {amp!r}")
     main = os.environ.get("RANK", "0") == "0"
     try:
-        chosen = Recipe.load(recipe)
+        chosen = Recipe.load(recipe).with_settings(settings or [])
         if steps is not None:
             chosen = chosen.replace(optimizer={"steps": steps})
         if seed is not None:
@@ -184,19 +187,18 @@ def evaluate(
     damage: Annotated[
         str,
         typer.Option(
-            help="clean; partial: a ball of triangles removed before detection; in full mode also rotated, noisy, "
-            "decimated."
+            help="clean: pose as in the file; in random poses: rotated, noisy, partial (a ball missing), decimated."
         ),
-    ] = "clean",
+    ] = "rotated",
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    reference: Annotated[
-        Path | None, typer.Option(help="Cache of reference planes; found once by a slow search, then reused.")
-    ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")] = None,
     mode: Annotated[str, typer.Option(help="paper: the network and its validation; full: all symmetries.")] = "paper",
     ground_truth: Annotated[
-        Path | None, typer.Option("--groundtruth", help="Full mode: file that `groundtruth` wrote.")
+        Path | None,
+        typer.Option(
+            "--groundtruth", help="File that `groundtruth` wrote; what it lacks is searched for, seconds a shape."
+        ),
     ] = None,
     methods: Annotated[
         str, typer.Option(help="Full mode: what to set side by side, separated by commas.")
@@ -207,12 +209,12 @@ def evaluate(
     ] = 40,
     ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
     by: Annotated[
-        str | None, typer.Option(help="Full mode: tables by source, or by a column of the manifest, such as kind.")
+        str | None, typer.Option(help="Also tables by source, or by a column of the manifest, such as kind.")
     ] = None,
     manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
     progress: Verbose = True,
 ) -> None:
-    """Judge paper mode or full mode beside other methods: exact distances, one table."""
+    """Judge raw networks and paper mode, or full mode, beside other methods: exact distances, one table."""
     if mode not in ("paper", "full"):
         raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
     if mode == "full":
@@ -241,27 +243,25 @@ def evaluate(
             raise typer.BadParameter(str(error)) from error
         typer.echo(text)
         return
-    from training.evaluate import evaluate as run
-    from training.evaluate import render
+    from training.evaluate import Options as NetworkOptions
+    from training.network_command import run as run_networks
 
+    networks = NetworkOptions(tuple(weights or ["default", "paper"]), damage, seed)
     try:
-        report = run(
+        text = run_networks(
             folders,
-            weights or ["default", "paper"],
+            networks,
+            by=by,
+            manifest=manifest,
+            json_file=json_file,
             limit=limit,
-            damage=damage,
-            seed=seed,
+            ground_truth=ground_truth,
             workers=workers,
-            reference=reference,
             progress=progress,
         )
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise typer.BadParameter(str(error)) from error
-    typer.echo(render(report))
-    if json_file is not None:
-        import json
-
-        json_file.write_text(json.dumps(report, indent=1) + "\n")
+    typer.echo(text)
 
 
 @app.command()

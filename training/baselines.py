@@ -1,13 +1,14 @@
 """What the network is measured against: planes from classical methods, in the unit frame."""
 
 import numpy as np
-from scipy.spatial import QhullError
 from trimesh.bounds import oriented_bounds
 
 from model.checkpoint import Checkpoint, InputSpec
 from model.frames import inertia_frame
 from model.network import Architecture, PRSNet
 from model.types import FloatArray, IntArray
+
+_FLAT = 1e-10
 
 
 def pca_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -26,14 +27,11 @@ def box_planes(vertices: FloatArray, faces: IntArray) -> FloatArray:
     of it lies on a face of the convex hull. A flat shape has no hull and gets the box along its principal axes.
     """
     points = vertices[np.unique(faces)]
-    try:
-        to_box, _ = oriented_bounds(points)
-    except (QhullError, ValueError):
-        to_box = np.eye(4)
-        to_box[:3, :3] = inertia_frame(vertices, faces)[0]
-        turned = points @ to_box[:3, :3].T
-        to_box[:3, 3] = -(turned.max(0) + turned.min(0)) / 2.0
-    return np.ascontiguousarray(to_box[:3])
+    principal, values = inertia_frame(vertices, faces)
+    if values[2] > _FLAT * values[0]:
+        return np.ascontiguousarray(oriented_bounds(points)[0][:3])
+    turned = points @ principal.T
+    return np.column_stack([principal, -(turned.max(0) + turned.min(0)) / 2.0])
 
 
 def untrained(spec: InputSpec) -> Checkpoint:

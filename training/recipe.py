@@ -2,6 +2,7 @@
 
 import dataclasses
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_type_hints
@@ -161,6 +162,30 @@ class Recipe:
             known = ", ".join(sorted(p.stem for p in RECIPES.glob("*.toml")))
             raise ValueError(f"there is no recipe {str(name_or_path)!r}; known ones are {known}")
         return cls.from_dict(tomllib.loads(path.read_text()))
+
+    def with_settings(self, settings: Sequence[str]) -> "Recipe":
+        """A copy with fields set as in ``["loss.regularization=25.0", "seed=2"]``, values written as in TOML.
+
+        Raises:
+            ValueError: a setting cannot be read, or there is no such field.
+        """
+        values = self.to_dict()
+        for setting in settings:
+            key, equals, value = setting.partition("=")
+            *sections, name = key.strip().split(".")
+            try:
+                parsed = tomllib.loads(f"value = {value}")["value"]
+            except tomllib.TOMLDecodeError as error:
+                raise ValueError(f"{setting!r} is not SECTION.FIELD=VALUE with a value as in TOML") from error
+            place = values
+            for section in sections:
+                place = place.get(section)
+                if not isinstance(place, dict):
+                    raise ValueError(f"a recipe has no section {section!r}")
+            if not equals or name not in place or isinstance(place[name], dict):
+                raise ValueError(f"a recipe has no field {key.strip()!r}")
+            place[name] = parsed
+        return Recipe.from_dict(values)
 
     def replace(self, **sections: Any) -> "Recipe":
         """A copy with fields replaced; sections take dictionaries, as in ``replace(optimizer={"steps": 10})``."""
