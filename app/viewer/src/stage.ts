@@ -103,7 +103,7 @@ export class Stage {
   private distance(): number {
     const half = (FIELD_OF_VIEW * Math.PI) / 360;
     const narrower = Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect));
-    return 0.56 / Math.sin(narrower);
+    return 0.62 / Math.sin(narrower);
   }
 
   /** The first of some objects under a point of the page, or null. */
