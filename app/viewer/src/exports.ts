@@ -57,7 +57,7 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
     const { file, options } = asked(store.get());
     const url = endpoint("detect", { ...detectQuery(options), format: "glb" });
     const { content } = await send(url, file, new AbortController().signal);
-    download(content, `${stem(file.name)}.symmetry.glb`);
+    download(content, `${stem(file.name)}-symmetries.glb`);
     say("Annotated GLB downloaded.", true);
   }
 
@@ -71,7 +71,7 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
     outcome.textContent = describe(done, symmetrize.checked);
     outcome.hidden = false;
     say(outcome.textContent);
-    return new File([answer.content], `${stem(file.name)}.complete.${format.value}`);
+    return new File([answer.content], `${stem(file.name)}-completed.${format.value}`);
   }
 
   const element = h(

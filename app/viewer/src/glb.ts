@@ -14,10 +14,10 @@ interface Node {
   children?: number[];
   /** Column after column. */
   matrix?: number[];
+  extras?: { result?: DetectResult };
 }
 
 interface Document {
-  asset: { extras?: { result?: DetectResult } };
   nodes: Node[];
   meshes: { primitives: { attributes: { POSITION: number }; indices?: number; mode?: number }[] }[];
   accessors: {
@@ -39,10 +39,10 @@ const BINARY_CHUNK = 0x004e4942;
 /** Throws an Error if the bytes are not what the service writes. */
 export function readAnnotated(bytes: ArrayBuffer): AnnotatedMesh {
   const [document, binary] = chunks(bytes);
-  const result = document.asset.extras?.result;
-  if (!result) throw new Error("The GLB holds no result.");
   const node = document.nodes.find((candidate) => candidate.name === MESH && candidate.mesh !== undefined);
   if (!node) throw new Error("The GLB holds no mesh.");
+  const result = node.extras?.result;
+  if (!result) throw new Error("The GLB holds no result.");
   return { corners: cornersOf(document, binary, node), result };
 }
 
