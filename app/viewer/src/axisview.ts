@@ -33,6 +33,7 @@ export class AxisView implements Marker {
   readonly target: Object3D;
   private readonly material = new MeshBasicMaterial({ transparent: true, side: DoubleSide });
   private readonly rod: Mesh;
+  private readonly signs: Mesh[] = [];
 
   constructor(item: Item, corners: Float32Array) {
     const [low, high] = extent(item, corners);
@@ -45,6 +46,7 @@ export class AxisView implements Marker {
       const sign = new Mesh(signOf(item), this.material);
       sign.rotateX(Math.PI / 2);
       sign.position.y = (side * size) / 2;
+      this.signs.push(sign);
       this.object.add(sign);
     }
     this.object.quaternion.copy(
@@ -53,10 +55,12 @@ export class AxisView implements Marker {
     this.object.position.set(...add(item.point, scaled(item.direction, (low + high) / 2)));
   }
 
-  paint(color: string, emphasis: Emphasis): void {
+  paint(color: string, emphasis: Emphasis, crowd: number): void {
     this.material.color.set(color);
     this.material.opacity = OPACITY[emphasis];
-    this.rod.scale.set(THICKNESS[emphasis], 1, THICKNESS[emphasis]);
+    const thickness = THICKNESS[emphasis] * (emphasis === "strong" ? 1 : Math.max(0.4, crowd ** -0.25));
+    this.rod.scale.set(thickness, 1, thickness);
+    for (const sign of this.signs) sign.scale.setScalar(thickness);
   }
 }
 

@@ -37,3 +37,15 @@ export const plural = (number: number, one: string, many = `${one}s`): string =>
 /** A word quoted for a POSIX shell where it needs to be. */
 export const shellWord = (word: string): string =>
   /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", `'\\''`)}'`;
+
+const UNITS: Record<string, string> = {
+  micron: "µm",
+  millimeter: "mm",
+  centimeter: "cm",
+  inch: "in",
+  foot: "ft",
+  meter: "m",
+};
+
+/** The sign of a unit of length, or nothing where the file states none. */
+export const unitSign = (unit: string | null): string => (unit === null ? "" : (UNITS[unit] ?? unit));

@@ -117,6 +117,7 @@ function show({ item, element, pick, eye }: Row, state: State): void {
   const color = item.reason ? "" : errorColor(item.error, state.answered?.maxError ?? state.maxError);
   (pick.firstElementChild as HTMLElement).style.color = color;
   pick.setAttribute("aria-pressed", String(selected));
+  element.classList.toggle("selected", selected);
   element.classList.toggle("hovered", item.id === state.hovered);
   element.classList.toggle("off", hidden);
   if (eye && eye.ariaPressed !== String(!hidden)) {

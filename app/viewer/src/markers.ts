@@ -14,7 +14,8 @@ export interface Marker {
   readonly object: Object3D;
   /** What the pointer has to meet. */
   readonly target: Object3D;
-  paint(color: string, emphasis: Emphasis): void;
+  /** `crowd`: how many of its kind are shown; each is the fainter or thinner for it. */
+  paint(color: string, emphasis: Emphasis, crowd: number): void;
 }
 
 /** The colour of what was turned down. */
@@ -39,6 +40,9 @@ export class Markers {
 
   update(state: State): void {
     const strong = state.hovered ?? state.selected;
+    const visible = state.items.filter((item) => isShown(item, state));
+    const planes = visible.filter((item) => item.kind === "plane").length;
+    const crowd = { plane: Math.max(1, planes), axis: Math.max(1, visible.length - planes) };
     for (const item of state.items) {
       const shown = isShown(item, state);
       if (shown && !this.markers.has(item.id)) this.add(item);
@@ -48,7 +52,7 @@ export class Markers {
       const color = item.reason
         ? REJECTED
         : errorColor(item.error, state.answered?.maxError ?? state.maxError);
-      marker.paint(color, item.id === strong ? "strong" : strong ? "faint" : "normal");
+      marker.paint(color, item.id === strong ? "strong" : strong ? "faint" : "normal", crowd[item.kind]);
     }
   }
 

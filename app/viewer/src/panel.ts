@@ -6,7 +6,7 @@ import { exports } from "./exports";
 import { lists, type Lists } from "./list";
 import type { Session } from "./session";
 import type { Say } from "./status";
-import type { Store } from "./store";
+import { isBusy, type Store } from "./store";
 import { facts, summary, warnings } from "./summary";
 
 export function attachPanel(store: Store, session: Session, say: Say): void {
@@ -22,7 +22,7 @@ export function attachPanel(store: Store, session: Session, say: Say): void {
   store.subscribe((state, before) => {
     const { result } = state;
     panel.hidden = result === null;
-    panel.classList.toggle("waiting", state.phase.kind === "uploading" || state.phase.kind === "computing");
+    panel.classList.toggle("waiting", isBusy(state));
     if (state.mode !== before.mode || state.maxError !== before.maxError || state === before)
       ask.update(state);
     if (!result) return;

@@ -48,10 +48,10 @@ export class PlaneView implements Marker {
     }
   }
 
-  paint(color: string, emphasis: Emphasis): void {
+  paint(color: string, emphasis: Emphasis, crowd: number): void {
     for (const material of [this.fill, this.rim, this.cut]) material.color.set(color);
-    this.fill.opacity = FILL[emphasis];
-    this.rim.opacity = RIM[emphasis];
+    this.fill.opacity = emphasis === "strong" ? FILL.strong : FILL[emphasis] / Math.sqrt(crowd);
+    this.rim.opacity = emphasis === "strong" ? RIM.strong : RIM[emphasis] / Math.sqrt(crowd);
     this.cut.opacity = CUT[emphasis];
     this.cut.linewidth = emphasis === "strong" ? 3 : 2;
     this.object.renderOrder = emphasis === "strong" ? 2 : 1;

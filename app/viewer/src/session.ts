@@ -12,6 +12,9 @@ import type { State, Store, Surface, Up } from "./store";
 /** Formats in which z usually points upwards. */
 const Z_UP = new Set(["stl", "3mf"]);
 
+/** A start takes some ten seconds, or a minute where kernels are compiled. */
+const [MOST_TRIES, PAUSE_MS] = [90, 1000];
+
 export interface Session {
   open(file: File): Promise<void>;
   /** Ask again about the same file, with the options of the state. */
@@ -44,7 +47,9 @@ export function createSession(store: Store, askForKey: () => Promise<boolean>): 
     try {
       refuseTooLarge(file, limits);
       store.set({ file, phase: { kind: "uploading", share: 0 } });
-      const answer = await request(file, { mode, maxError }, first, own.signal, store);
+      const answer = await onceReady(store, own.signal, () =>
+        request(file, { mode, maxError }, first, own.signal, store),
+      );
       if (own !== running) return;
       shown = file;
       store.set({
@@ -113,6 +118,21 @@ function untouched(state: State, answer: Answer): Partial<State> {
     hidden: new Set(),
     ...(none && state.view !== "mesh" ? { view: "mesh" } : {}),
   };
+}
+
+/** A service that has just been started is waited for, as someone who has just started it would do. */
+async function onceReady<T>(store: Store, signal: AbortSignal, attempt: () => Promise<T>): Promise<T> {
+  for (let tries = 0; ; tries++) {
+    try {
+      return await attempt();
+    } catch (error) {
+      if (!(error instanceof ProblemError) || error.problem.slug !== "not-ready" || tries >= MOST_TRIES)
+        throw error;
+    }
+    store.set({ phase: { kind: "starting" } });
+    await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    signal.throwIfAborted();
+  }
 }
 
 type Answer = Pick<State, "result" | "answered" | "items"> & { result: DetectResult; surface?: Surface };

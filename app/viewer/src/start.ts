@@ -3,7 +3,7 @@
 import { byId, h } from "./dom";
 import { EXAMPLES, fetchExample } from "./examples";
 import { icon } from "./icons";
-import type { Store } from "./store";
+import { isBusy, type Store } from "./store";
 
 const FORMATS = ["stl", "obj", "ply", "off", "glb", "gltf", "3mf"];
 
@@ -35,7 +35,7 @@ export function attachStart(store: Store, open: (file: File) => void): void {
   );
   store.subscribe((state) => {
     start.hidden = state.surface !== null;
-    start.classList.toggle("waiting", state.phase.kind === "uploading" || state.phase.kind === "computing");
+    start.classList.toggle("waiting", isBusy(state));
   });
 
   function exampleButton(example: (typeof EXAMPLES)[number]): HTMLElement {

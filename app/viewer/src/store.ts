@@ -9,6 +9,7 @@ export type Phase =
   | { kind: "idle" }
   | { kind: "uploading"; share: number }
   | { kind: "computing" }
+  | { kind: "starting" }
   | { kind: "failed"; problem: Problem };
 
 export type View = "mesh" | "mirror" | "heat";
@@ -67,6 +68,9 @@ export function createStore(initial: State): Store {
 
 /** Results, without what was turned down. */
 export const accepted = (state: State): Item[] => state.items.filter((item) => item.reason === null);
+
+/** Whether a request is under way. */
+export const isBusy = ({ phase }: State): boolean => phase.kind !== "idle" && phase.kind !== "failed";
 
 export const itemById = (state: State, id: string | null): Item | null =>
   state.items.find((item) => item.id === id) ?? null;

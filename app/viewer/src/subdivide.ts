@@ -56,7 +56,7 @@ function cutsFor(corners: Float32Array, most: number): Uint16Array {
       cuts[face] = Math.max(1, Math.ceil(edge / size));
       total += cuts[face] ** 2;
     });
-    if (total <= most || size > 1) return cuts;
+    if (total <= most || total === longest.length) return cuts;
   }
 }
 

@@ -1,7 +1,7 @@
 /** The head of the panel: the point group in words, and the mesh as the service read it. */
 
 import { h } from "./dom";
-import { count, milliseconds, plural, short } from "./format";
+import { count, milliseconds, plural, short, unitSign } from "./format";
 import { describeGroup } from "./pointgroup";
 import type { DetectResult } from "./result";
 
@@ -32,7 +32,7 @@ export function facts(result: DetectResult): HTMLElement {
   const rows: [string, string][] = [
     ["Faces", count(mesh.faces)],
     ["Vertices", count(mesh.vertices)],
-    ["Size", `${size}${frame.units ? ` ${frame.units}` : ""}`],
+    ["Size", `${size} ${unitSign(frame.units)}`],
     ["Surface", mesh.watertight ? "watertight" : "open"],
     ["Computed in", milliseconds(result.timings_ms.total)],
     ["Weights", `${result.model.name} ${result.model.version}`],

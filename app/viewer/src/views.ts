@@ -2,7 +2,7 @@
 
 import { errorGradient, heatGradient, LEAST_ERROR } from "./colors";
 import { byId, h } from "./dom";
-import { short } from "./format";
+import { short, unitSign } from "./format";
 import { icon } from "./icons";
 import { LEAST_HEAT } from "./meshview";
 import { segments } from "./segments";
@@ -63,7 +63,7 @@ function legendOf(state: State): HTMLElement[] {
   }
   if (state.view === "heat") {
     const what = about.kind === "plane" ? "mirrored" : `turned by ${degrees(about.order)},`;
-    const units = state.result?.frame.units ?? "";
+    const units = unitSign(state.result?.frame.units ?? null);
     const scale = state.result?.frame.scale ?? 1;
     const largest = state.heatLargest === null ? null : Math.max(state.heatLargest, LEAST_HEAT) * scale;
     return [
@@ -86,12 +86,7 @@ function legendOf(state: State): HTMLElement[] {
   return [
     h("strong", {}, "Symmetry error"),
     bar(errorGradient()),
-    h(
-      "span",
-      { class: "ends" },
-      h("span", {}, `≤ ${short(LEAST_ERROR)}`),
-      h("span", {}, `${short(maxError)}, the largest allowed`),
-    ),
+    h("span", { class: "ends" }, h("span", {}, `≤ ${short(LEAST_ERROR)}`), h("span", {}, short(maxError))),
   ];
 }
 
