@@ -46,7 +46,9 @@ def nut(points: int = 72) -> Solid:
     hexagon = 1.0 / np.cos((angles % (np.pi / 3.0)) - np.pi / 6.0) * np.cos(np.pi / 6.0)
 
     def outline(radius: np.ndarray | float, height: float) -> np.ndarray:
-        return ring(points, height) * np.column_stack([np.full((points, 2), 1.0) * np.reshape(radius, (-1, 1)), np.ones(points)])
+        return ring(points, height) * np.column_stack(
+            [np.full((points, 2), 1.0) * np.reshape(radius, (-1, 1)), np.ones(points)]
+        )
 
     rounded = np.minimum(hexagon, 0.9)
     drop = 0.08 * (hexagon - rounded) / (hexagon - rounded).max()
@@ -84,7 +86,9 @@ def broken_table() -> Solid:
     parts = [trimesh.creation.box((1.5, 1.0, 0.07), trimesh.transformations.translation_matrix((0, 0, 0.72)))]
     for x in (-0.64, 0.64):
         for y in (-0.4, 0.4):
-            parts.append(trimesh.creation.box((0.09, 0.09, 0.69), trimesh.transformations.translation_matrix((x, y, 0.345))))
+            parts.append(
+                trimesh.creation.box((0.09, 0.09, 0.69), trimesh.transformations.translation_matrix((x, y, 0.345)))
+            )
     for y in (-0.4, 0.4):
         parts.append(trimesh.creation.box((1.2, 0.04, 0.1), trimesh.transformations.translation_matrix((0, y, 0.63))))
     vertices, faces = trimesh.remesh.subdivide_to_size(*_joined(parts), max_edge=0.09)

@@ -1,11 +1,11 @@
 // Builds ../static/viewer: one script, one worker, one style sheet, the page that names them, the examples.
 // Names carry a hash of the content, so that a browser may keep what it has and never shows an old viewer.
-// `--tests` bundles the unit tests into node_modules/.tests instead.
+// `--out=FOLDER` builds elsewhere; `--tests` bundles the unit tests into node_modules/.tests instead.
 import { build } from "esbuild";
 import { cp, mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
 
-const OUT = "../static/viewer";
+const OUT = process.argv.find((word) => word.startsWith("--out="))?.slice(6) ?? "../static/viewer";
 const COMMON = { bundle: true, format: "esm", target: "es2022", charset: "utf8", logLevel: "warning" };
 
 /** Builds one entry point under a hashed name, and answers that name. */

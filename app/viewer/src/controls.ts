@@ -24,7 +24,7 @@ export function controls(store: Store, ask: () => void): Controls {
     ],
     (value) => (store.set({ mode: value }), ask()),
   );
-  const output = h("output", { for: "max-error", class: "value" });
+  const output = h("span", { class: "value", id: "max-error-value" });
   const meaning = h("span", { class: "muted small" });
   const slider = h("input", {
     type: "range",

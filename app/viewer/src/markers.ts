@@ -56,6 +56,11 @@ export class Markers {
     }
   }
 
+  /** The ids of what can be seen. */
+  shown(): string[] {
+    return [...this.markers].filter(([, { object }]) => object.visible).map(([id]) => id);
+  }
+
   /** The targets of the pointer that can be seen. */
   targets(): Object3D[] {
     return [...this.markers.values()].filter(({ object }) => object.visible).map(({ target }) => target);

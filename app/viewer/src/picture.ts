@@ -54,9 +54,21 @@ export function attachPicture(store: Store, stage: Stage, meter: HeatMeter): Mar
       else if (heat?.about === key) showHeat(heat.heat);
       else measure(about.transform, key);
     }
+    describe(state);
     stage.render();
   });
   return markers;
+
+  /** What the picture shows, for who cannot see it: a screen reader, a test. */
+  function describe(state: State): void {
+    const canvas = stage.canvas;
+    const faces = (state.surface?.corners.length ?? 0) / 9;
+    canvas.dataset.faces = String(faces);
+    canvas.dataset.shown = markers.shown().join(",");
+    canvas.ariaDescription = state.result
+      ? `${state.result.mesh.filename}, ${faces} faces. Shown: ${markers.shown().join(", ") || "the mesh alone"}.`
+      : "Nothing yet.";
+  }
 
   function measure(transform: number[], key: string): void {
     mesh.showMesh();

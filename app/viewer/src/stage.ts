@@ -35,7 +35,7 @@ export class Stage {
   private asked = false;
 
   /** Throws where the browser has no WebGL. */
-  constructor(private readonly canvas: HTMLCanvasElement) {
+  constructor(readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.renderer.localClippingEnabled = true;
     this.scene.add(new HemisphereLight(0xffffff, 0x8890a0, 1.7), this.camera);

@@ -2,7 +2,7 @@
 
 import { byId, h } from "./dom";
 import { plural } from "./format";
-import type { Store } from "./store";
+import { isBusy, type Store } from "./store";
 
 const SHOWN_MS = 2500;
 
@@ -26,7 +26,7 @@ export function attachStatus(store: Store, say: Say): void {
     if (state.phase.kind !== before.phase.kind) {
       if (state.phase.kind === "uploading") say("Uploading.");
       if (state.phase.kind === "computing") say("Computing.");
-      if (state.phase.kind === "idle" && state.result === before.result && state.file) say("Cancelled.");
+      if (state.phase.kind === "idle" && state.result === before.result && isBusy(before)) say("Cancelled.");
     }
     if (state.result && state.result !== before.result) {
       const { planes, axes, point_group: group } = state.result;
