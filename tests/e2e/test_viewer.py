@@ -124,7 +124,7 @@ def test_an_example_from_choice_to_result(at_home: Visit, server: Server) -> Non
     at_home.choose("Vase")
     page = at_home.page
     expect(page.get_by_role("heading", name="Point group C8v")).to_be_visible()
-    expect(page.get_by_text("One 8-fold axis (turns by 45°) and 8 mirror planes")).to_be_visible()
+    expect(page.get_by_text("One 8-fold axis (turns by 45°) and eight mirror planes")).to_be_visible()
     expect(page.get_by_role("status")).to_have_text("Done: point group C8v, 8 planes, 1 axis.")
     at_home.expect_shown(*(f"plane {k}" for k in range(8)), "axis 0")
     answer = server.detect("vase.ply", (EXAMPLES / "vase.ply").read_bytes()).json()

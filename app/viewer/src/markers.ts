@@ -52,7 +52,9 @@ export class Markers {
       const color = item.reason
         ? REJECTED
         : errorColor(item.error, state.answered?.maxError ?? state.maxError);
-      marker.paint(color, item.id === strong ? "strong" : strong ? "faint" : "normal", crowd[item.kind]);
+      const emphasis =
+        item.id !== strong ? (strong ? "faint" : "normal") : state.view === "mesh" ? "strong" : "normal";
+      marker.paint(color, emphasis, crowd[item.kind]);
     }
   }
 

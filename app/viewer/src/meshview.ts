@@ -21,6 +21,7 @@ import type { Heat } from "./heat";
 import type { Item } from "./items";
 import type { Vector } from "./result";
 import type { Surface } from "./store";
+import { fullerSide } from "./section";
 import { across } from "./vector";
 
 /** Edges are drawn where faces meet at more than this angle, in degrees, ... */
@@ -93,12 +94,13 @@ export class MeshView {
     if (this.colors) this.plain.color.set(this.colors.surface);
   }
 
-  /** One half as it is, and beside it its image; for an axis, the half beyond it is the shape turned. */
+  /** The half with more surface as it is, and beside it its image; for an axis, the half beyond it is the shape turned. */
   showMirror(item: Item): void {
     this.arrange(true, true, false);
     const normal = item.kind === "plane" ? item.direction : across(item.direction, [0, 1, 0])[0];
-    this.plain.clippingPlanes = this.lines.clippingPlanes = [halfSpace(normal, item.point, 1)];
-    this.image.clippingPlanes = [halfSpace(normal, item.point, -1)];
+    const side = fullerSide(this.mesh.geometry.getAttribute("position").array, normal, item.point);
+    this.plain.clippingPlanes = this.lines.clippingPlanes = [halfSpace(normal, item.point, side)];
+    this.image.clippingPlanes = [halfSpace(normal, item.point, side === 1 ? -1 : 1)];
     this.mirrored.matrix.copy(matrixOf(item.transform));
     this.mirrored.matrixWorldNeedsUpdate = true;
     if (this.colors) this.plain.color.set(this.colors.original);

@@ -42,26 +42,29 @@ export function describeGroup(symbol: string): GroupWords {
   return { ...words, text: family?.[0] ?? `The point group ${symbol}.`, operations: family?.[1] ?? NaN };
 }
 
+const NUMBERS = "no one two three four five six seven eight nine ten eleven twelve".split(" ");
+
 function cyclic(family: string, n: number): [string, number] | null {
   const axis = `one ${n}-fold axis (turns by ${degrees(n)})`;
   const Axis = axis.replace("one", "One");
+  const many = n < NUMBERS.length ? NUMBERS[n] : String(n);
   switch (family) {
     case "C":
       return [`${Axis} and no mirror plane, like a propeller.`, n];
     case "Cv":
-      return [`${Axis} and ${n} mirror planes through it, like a pyramid.`, 2 * n];
+      return [`${Axis} and ${many} mirror planes through it, like a pyramid.`, 2 * n];
     case "Ch":
       return [`${Axis} and one mirror plane across it.`, 2 * n];
     case "D":
-      return [`${Axis} and ${n} 2-fold axes across it, no mirror plane, like a twisted prism.`, 2 * n];
+      return [`${Axis} and ${many} 2-fold axes across it, no mirror plane, like a twisted prism.`, 2 * n];
     case "Dh":
       return [
-        `Like a prism: ${axis}, ${n} 2-fold axes across it, ${n} mirror planes through it and one across it.`,
+        `Like a prism: ${axis}, ${many} 2-fold axes across it, ${many} mirror planes through it and one across it.`,
         4 * n,
       ];
     case "Dd":
       return [
-        `Like an antiprism: ${axis}, ${n} 2-fold axes across it, and ${n} mirror planes through it, between them.`,
+        `Like an antiprism: ${axis}, ${many} 2-fold axes across it, and ${many} mirror planes through it, between them.`,
         4 * n,
       ];
     case "S":

@@ -1,4 +1,4 @@
-/** Where a plane cuts the surface. */
+/** Where a plane cuts the surface, and on which side of it there is more. */
 
 import type { Vector } from "./result";
 import { dot } from "./vector";
@@ -35,4 +35,19 @@ export function section(corners: Float32Array, normal: Vector, point: Vector): F
     if (ends.length === 6) segments.push(...ends);
   }
   return new Float32Array(segments);
+}
+
+/** On which side of a plane there is more surface: where a part is missing, the other half is the one to mirror. */
+export function fullerSide(corners: ArrayLike<number>, normal: Vector, point: Vector): 1 | -1 {
+  const offset = dot(normal, point);
+  const [nx, ny, nz] = normal;
+  let balance = 0;
+  for (let at = 0; at < corners.length; at += 9) {
+    const [ux, uy, uz] = [0, 1, 2].map((k) => corners[at + 3 + k] - corners[at + k]);
+    const [vx, vy, vz] = [0, 1, 2].map((k) => corners[at + 6 + k] - corners[at + k]);
+    const area = Math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx);
+    const [x, y, z] = [0, 1, 2].map((k) => (corners[at + k] + corners[at + 3 + k] + corners[at + 6 + k]) / 3);
+    balance += area * Math.sign(nx * x + ny * y + nz * z - offset);
+  }
+  return balance < 0 ? -1 : 1;
 }

@@ -20,6 +20,8 @@ const FIELD_OF_VIEW = 30;
 const AZIMUTH = 32;
 const ELEVATION = 20;
 const [NEAREST, FARTHEST] = [0.3, 12];
+/** Pixels that overlays take from the height of the canvas. */
+const OVERLAYS = 100;
 /** How far an arrow key turns. */
 const STEP = Math.PI / 18;
 
@@ -99,11 +101,12 @@ export class Stage {
     return controls;
   }
 
-  /** Far enough for the ball to fit the narrower side of the canvas. */
+  /** Far enough for the ball to fit the narrower side of the canvas, with room for what lies over it. */
   private distance(): number {
     const half = (FIELD_OF_VIEW * Math.PI) / 360;
     const narrower = Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect));
-    return 0.62 / Math.sin(narrower);
+    const height = this.canvas.clientHeight || 1;
+    return (0.56 / Math.sin(narrower)) * (height / Math.max(0.7 * height, height - OVERLAYS));
   }
 
   /** The first of some objects under a point of the page, or null. */

@@ -78,7 +78,9 @@ function legendOf(state: State): HTMLElement[] {
       h(
         "span",
         { class: "muted" },
-        state.heatLargest === null ? "" : `largest ${short(state.heatLargest * scale)} ${units}`,
+        state.heatLargest === null
+          ? ""
+          : `largest ${short(state.heatLargest * scale)} ${units}, rms ${short(about.rms)} ${units}`,
       ),
     ];
   }

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { TriangleTree, triangleDistance } from "../src/bvh";
 import { cornerNormals } from "../src/normals";
-import { section } from "../src/section";
+import { fullerSide, section } from "../src/section";
 import { subdivided } from "../src/subdivide";
 import { cube, noise, soup } from "./support";
 
@@ -105,4 +105,10 @@ test("a plane cuts a cube in a square, through its corners too", () => {
   // Twice 2 along z, where two faces meet and both give the edge, and twice the diagonal of a square.
   assert.ok(length(diagonal) >= 4 + 4 * Math.SQRT2 - 1e-5);
   assert.equal(section(cube(), [0, 0, 1], [0, 0, 5]).length, 0);
+});
+
+test("the fuller side is the one with more surface", () => {
+  assert.equal(fullerSide(cube(), [1, 0, 0], [0.2, 0, 0]), -1);
+  assert.equal(fullerSide(cube(), [1, 0, 0], [-0.2, 0, 0]), 1);
+  assert.equal(fullerSide(cube(), [-1, 0, 0], [-0.2, 0, 0]), -1);
 });
