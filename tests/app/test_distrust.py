@@ -22,7 +22,7 @@ from app.workers import wire
 from app.workers.factory import Card
 from app.workers.verify import UntrustedError, trusted, trusted_answer, trusted_error
 from app.workers.wire import Job
-from model.errors import EmptyMeshError
+from model.errors import DegenerateMeshError, EmptyMeshError
 from model.formats import read_mesh
 
 FUZZ = settings(
@@ -154,9 +154,12 @@ def test_no_bytes_of_a_geometry_are_a_defect(data: st.DataObject) -> None:
         answer = trusted(json.dumps(COMPLETION).encode(), changed, COMPLETE, CARD)
     except UntrustedError:
         return
-    mesh = read_mesh(b"".join(answer.file), "x.ply")
-    assert len(mesh.faces) == 1
-    assert np.isfinite(mesh.vertices).all()
+    try:
+        mesh = read_mesh(b"".join(answer.file), "x.ply")
+    except DegenerateMeshError as error:  # a number may be any number
+        assert "beyond 1e60" in str(error) or "area" in str(error)
+    else:
+        assert len(mesh.faces) == 1
 
 
 @FUZZ
