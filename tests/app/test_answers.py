@@ -34,9 +34,8 @@ async def test_format_by_query(
 ) -> None:
     async with serving(detector) as (client, _):
         response = await client.post("/detect", files=files(chair), params={"format": format})
-        by_accept = await client.post(
-            "/detect", files=files(chair), headers={"Accept": "application/vnd.prsnet.bop+json" if format == "bop" else media_type}
-        )  # fmt: skip
+        accept = "application/vnd.prsnet.bop+json" if format == "bop" else media_type
+        by_accept = await client.post("/detect", files=files(chair), headers={"Accept": accept})
     assert response.status_code == by_accept.status_code == 200
     assert response.headers["content-type"] == media_type
     assert response.headers["vary"] == "Accept"

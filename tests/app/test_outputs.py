@@ -256,6 +256,5 @@ def test_files_are_named_after_what_came() -> None:
     assert disposition("chair.obj", ".glb") == 'attachment; filename="chair.glb"'
     header = disposition('stuhl "ä"\r\nx.obj', "-completed.ply")
     assert "\r" not in header
-    assert header == (
-        "attachment; filename=\"stuhl______x-completed.ply\"; filename*=UTF-8''stuhl%20%22%C3%A4%22%0D%0Ax-completed.ply"
-    )
+    assert header.startswith('attachment; filename="stuhl______x-completed.ply"; ')
+    assert header.endswith("filename*=UTF-8''stuhl%20%22%C3%A4%22%0D%0Ax-completed.ply")
