@@ -13,7 +13,6 @@ from app.problems import NOT_ACCEPTABLE, OVERLOADED, ProblemError
 from app.runtime import Runtime
 from app.workers.verify import Answer
 
-COMPLETION = "PRSNet-Completion"
 _VARY = {"Vary": "Accept"}
 
 
@@ -59,7 +58,7 @@ def completed(runtime: Runtime, answer: Answer, format: schemas.MeshFormat) -> R
     content = answer.content
     assert isinstance(content, schemas.CompletedMesh)
     headers = {
-        COMPLETION: content.completion.model_dump_json(),
+        schemas.COMPLETION: content.completion.model_dump_json(),
         "Content-Disposition": disposition(content.mesh.filename, f"-completed.{format}"),
     }
     return _attached(runtime, answer.file, headers, WRITERS[format].media_type)

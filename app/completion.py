@@ -45,6 +45,17 @@ def complete_file(
     mesh = read_within(limits, data, filename)
     parsed = time.perf_counter()
     on_parsed()
+    return complete_mesh(detector, mesh, filename, options, started, parsed)
+
+
+def complete_mesh(
+    detector: SymmetryDetector, mesh: Mesh, filename: str, options: CompleteOptions, started: float, parsed: float
+) -> "tuple[schemas.CompletedMesh, FloatArray, IntArray]":
+    """What `complete_file` answers, for a mesh that was read between two readings of ``time.perf_counter``.
+
+    Raises:
+        NoPlaneError: none was given, and the mesh has none within ``options.max_error``.
+    """
     steps: dict[str, float] = {}
     if options.plane is None:
         detection = detector.detect(mesh, mode="full", max_error=options.max_error)

@@ -7,8 +7,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
-from app import __version__, auth, openapi, pages, problems, routes, tracing
-from app.answers import COMPLETION
+from app import __version__, auth, openapi, pages, problems, routes, schemas, tracing
 from app.middleware import HEADER, RequestContext
 from app.runtime import Runtime
 from app.settings import Settings
@@ -53,7 +52,7 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
             allow_origins=origins,
             allow_methods=["GET", "POST"],
             allow_headers=[auth.HEADER, "Authorization", HEADER],
-            expose_headers=[HEADER, COMPLETION, "Content-Disposition", "Server-Timing", "Retry-After"],
+            expose_headers=[HEADER, schemas.COMPLETION, "Content-Disposition", "Server-Timing", "Retry-After"],
         )
     app.add_middleware(RequestContext, metrics=runtime.metrics, trace=trace)
     problems.install(app)

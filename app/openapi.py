@@ -12,7 +12,6 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.responses import PlainTextResponse, Response
 
 from app import auth, problems, schemas
-from app.answers import COMPLETION
 from app.middleware import HEADER
 from app.outputs import csv_rows
 from app.outputs.meshes import WRITERS
@@ -191,7 +190,7 @@ COMPLETE: dict[str, Any] = {
             "description": "The completed mesh as a file, in the mesh's own coordinates.",
             "content": {writer.media_type: _BINARY for writer in WRITERS.values()},
             "headers": {
-                COMPLETION: {
+                schemas.COMPLETION: {
                     "description": "What was done, as JSON.",
                     "content": {_JSON: {"schema": _ref("Completion")}},
                 },

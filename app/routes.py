@@ -7,8 +7,8 @@ from fastapi.responses import Response
 
 from app import __version__, answers, openapi, schemas
 from app.auth import require_key
-from app.detect import answer
 from app.metrics import CONTENT_TYPE
+from app.request import answer
 from app.runtime import Runtime
 
 router = APIRouter()

@@ -17,6 +17,13 @@ Matrix: TypeAlias = Annotated[list[Row], Field(min_length=4, max_length=4)]
 FlatMatrix: TypeAlias = Annotated[list[float], Field(min_length=16, max_length=16)]
 
 
+KEY_HEADER = "X-API-Key"
+"""The header a key is sent in."""
+
+COMPLETION = "PRSNet-Completion"
+"""The header that says what `/complete` did."""
+
+
 class Schema(BaseModel):
     """Base of all schemas: immutable, no unknown members, no NaN, no infinity."""
 

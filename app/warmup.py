@@ -7,7 +7,7 @@ import itertools
 import pkgutil
 import struct
 from collections.abc import Iterable
-from typing import get_args
+from typing import Any, get_args
 
 from app.detection import SymmetryDetector
 from app.schemas import Include, MeshFormat, Mode
@@ -47,7 +47,7 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     include = list(get_args(Include))
     name, whole = sample_files()[0]
     half = f"OFF\n8 {len(_MIXED) - 2} 0\n{_lines(_CORNERS)}\n{_lines((len(f), *f) for f in _MIXED[:-2])}\n".encode()
-    common = {
+    common: dict[str, Any] = {
         "max_error": 1.0, "include": include, "max_vertices": 100, "max_faces": 100, "max_nodes": 100,
         "max_unpacked_bytes": 1 << 20, "cpu_s": 60.0, "place": "inline", "max_answer_bytes": 1 << 20,
     }  # fmt: skip
@@ -56,7 +56,7 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
         for mode, geometry in itertools.product(get_args(Mode), (None, "glb"))
     ]
     for geometry, symmetrize in itertools.product(get_args(MeshFormat), (False, True)):
-        ways = {"task": "complete", "geometry": geometry, "symmetrize": symmetrize}
+        ways: dict[str, Any] = {"task": "complete", "geometry": geometry, "symmetrize": symmetrize}
         jobs.append((Job("half.off", "full", size=len(half), plane=[1.0, 0.0, 0.0, -0.5], **ways, **common), half))
     return jobs
 

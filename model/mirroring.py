@@ -13,9 +13,10 @@ from model.clipping import clip, compact, without_slivers
 from model.errors import DegenerateMeshError
 from model.frames import UnitFrame, triangle_areas
 from model.mesh import Mesh
-from model.missing import SMALLEST_TOLERANCE, find_missing, tolerance_of
+from model.missing import find_missing, tolerance_of
 from model.sampling import sample_surface
 from model.seam import join
+from model.subdivision import edge_lengths
 from model.surface import SurfaceIndex
 from model.transforms import reflect
 from model.types import FloatArray, IntArray
@@ -83,7 +84,7 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
     coordinates[:kept] = own[used[:kept]]
     faces_kept = joined.kept
     if symmetrize:
-        averaged, all_faces = _averaged(everything, all_faces, plane, 2.0 * tolerance)
+        averaged, all_faces = _averaged(everything, all_faces, plane, tolerance)
         coordinates = frame.to_input(averaged)
         kept, faces_kept = len(coordinates) // 2, len(all_faces) // 2
     return Completed(
@@ -154,22 +155,27 @@ def _half(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: fl
     return half, half_faces
 
 
-def _averaged(vertices: FloatArray, faces: IntArray, plane: FloatArray, reach: float) -> tuple[FloatArray, IntArray]:
+def _averaged(
+    vertices: FloatArray, faces: IntArray, plane: FloatArray, tolerance: float
+) -> tuple[FloatArray, IntArray]:
     """A surface that is exactly symmetric: half way between this one and its mirror image, and one half for both.
 
-    Vertices farther than ``reach`` from the mirror image have none to meet half way, and stay.
+    Vertices farther than twice the tolerance from the mirror image have none to meet half way, and stay; those nearer
+    to the plane than half of it are put on it.
     """
     surface = SurfaceIndex(vertices, faces)
     targets, squared, _ = surface.closest(reflect(vertices, plane))
-    near = squared <= reach**2
+    near = squared <= (2.0 * tolerance) ** 2
     middle = np.where(near[:, None], (vertices + reflect(targets, plane)) / 2.0, vertices)
     sides = [_side_area(middle, faces, plane * sign) for sign in (1.0, -1.0)]
     plane = plane if sides[0] >= sides[1] else -plane
-    half, half_faces = _half(middle, faces, plane, max(_ON_PLANE, 0.01 * SMALLEST_TOLERANCE))
+    half, half_faces = _half(middle, faces, plane, tolerance / 2.0)
     on_plane = np.abs(half @ plane[:3] + plane[3]) <= _ON_PLANE
     other = np.where(on_plane, np.arange(len(half)), len(half) + np.cumsum(~on_plane) - 1)
-    # A face within the plane is its own mirror image.
+    # A face within the plane is its own mirror image, unless it is what became of a thin one across it.
     lying = on_plane[half_faces].all(axis=1)
+    wide = triangle_areas(half[half_faces]) > tolerance * edge_lengths(half, half_faces).max(axis=1)
+    half_faces, lying = half_faces[~lying | wide], lying[~lying | wide]
     whole = np.concatenate([half, reflect(half[~on_plane], plane)])
     return whole, np.concatenate([half_faces, other[half_faces[~lying, ::-1]].astype(np.int32)])
 

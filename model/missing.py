@@ -21,7 +21,7 @@ SMALLEST_TOLERANCE = 1e-4
 LARGEST_TOLERANCE = 0.02
 _NOISE_FACTOR = 3.0
 _FEW = 0.1
-SIGNIFICANT = 0.01
+SIGNIFICANT = 0.005
 """Unit frame. A missing part that is nowhere farther from the original than this is a difference of modelling."""
 
 FINEST_EDGE = 0.015
@@ -83,12 +83,18 @@ def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, t
         missing, partly, depth = missing[parents[:stay]], partly[parents[:stay]], depth[parents[:stay]]
         new = np.arange(stay, len(faces))
     chosen = _significant(faces, missing | partly, depth, max(SIGNIFICANT, 2.0 * tolerance))
-    part, part_faces, _ = compact(vertices, faces[chosen])
-    return _cut(surface, part, part_faces, missing[chosen], tolerance)
+    # With their neighbours, in which the border may run a little beyond the points they were judged by.
+    touched = np.zeros(len(vertices), dtype=np.bool_)
+    touched[faces[chosen]] = True
+    part, part_faces, _ = compact(vertices, faces[touched[faces].any(axis=1)])
+    return _cut(surface, part, part_faces, tolerance)
 
 
-def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, whole: BoolArray, tolerance: float) -> Missing:
-    """The faces that are ``whole`` and of the others the part farther than the tolerance from the surface."""
+def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> Missing:
+    """The part of the faces that is farther than the tolerance from the surface.
+
+    Whole faces are cut like the others: where they touch the border, their neighbours' cuts go through their edges.
+    """
 
     def crossing(inside: FloatArray, outside: FloatArray) -> FloatArray:
         low, high = np.zeros(len(inside)), np.ones(len(inside))
@@ -99,11 +105,46 @@ def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, whole: Bo
             low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)
         return inside + low[:, None] * (outside - inside)
 
-    far = surface.squared_distances(vertices) > tolerance**2
-    clipped = clip(vertices, faces[~whole], far, crossing)
-    is_border = clipped.is_border | ~np.append(far, np.zeros(len(clipped.vertices) - len(far), dtype=np.bool_))
-    part, part_faces, used = compact(clipped.vertices, np.concatenate([faces[whole], clipped.faces]))
-    return Missing(part, part_faces, is_border[used])
+    vertices, faces, far = _with_centres(surface, vertices, faces, tolerance)
+    clipped = clip(vertices, faces, far, crossing)
+    part, part_faces, used = compact(clipped.vertices, clipped.faces)
+    return Missing(part, part_faces, clipped.is_border[used])
+
+
+def _with_centres(
+    surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Faces cut so that each piece that is missing has a corner that is: across a narrow gap they have none.
+
+    Edges of which only the middle is missing are halved, and faces of which only the middle is are cut in three at
+    their incentres. Returns vertices, faces, and which vertices are farther away than the tolerance.
+    """
+    while True:
+        far = surface.squared_distances(vertices) > tolerance**2
+        corners = vertices[faces]
+        middles = (corners + np.roll(corners, -1, axis=1)) / 2.0
+        wanted = ~far[faces] & ~np.roll(far[faces], -1, axis=1)
+        wanted[wanted] = surface.squared_distances(middles[wanted]) > tolerance**2
+        if not wanted.any():
+            break
+        vertices, faces, _ = halve_edges(vertices, faces, wanted)
+    narrow = np.flatnonzero(~far[faces].any(axis=1))
+    centres = _incircles(vertices[faces[narrow]])[0]
+    beyond = surface.squared_distances(centres) > tolerance**2
+    narrow, centres = narrow[beyond], centres[beyond]
+    a, b, c = faces[narrow].T
+    middle = (len(vertices) + np.arange(len(narrow))).astype(np.int32)
+    pieces = [np.stack(corners, axis=1) for corners in ((a, b, middle), (b, c, middle), (c, a, middle))]
+    others = np.delete(faces, narrow, axis=0)
+    far = np.append(far, np.ones(len(narrow), dtype=np.bool_))
+    return np.concatenate([vertices, centres]), np.concatenate([others, *pieces]), far
+
+
+def _incircles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centres ``(f, 3)`` and radii ``(f,)`` of the inscribed circles of triangles ``(f, 3 corners, 3)``."""
+    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1), axis=2)
+    around = np.maximum(opposite.sum(axis=1), 1e-300)
+    return (opposite[:, :, None] * corners).sum(axis=1) / around[:, None], 2.0 * triangle_areas(corners) / around
 
 
 def _reach(
@@ -135,10 +176,7 @@ def _reach(
 
 def _shrunk(corners: FloatArray, margin: float) -> FloatArray:
     """Triangles ``(f, 3 corners, 3)`` with their edges moved in by ``margin``, or nearly to the centre of thin ones."""
-    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1), axis=2)
-    around = opposite.sum(axis=1)
-    centre = (opposite[:, :, None] * corners).sum(axis=1) / np.maximum(around, 1e-300)[:, None]
-    radius = 2.0 * triangle_areas(corners) / np.maximum(around, 1e-300)
+    centre, radius = _incircles(corners)
     share = np.minimum(margin / np.maximum(radius, 1e-300), 0.9)
     return corners + share[:, None, None] * (centre[:, None] - corners)
 

@@ -15,7 +15,10 @@ from model.missing import Missing
 from model.surface import SurfaceIndex
 from model.types import AnyArray, FloatArray, IntArray
 
-_CORNER_SHARE = 1e-3
+_REACH, _CORNER = 3.0, 1.5
+"""In tolerances: how far the rim may be to be what a border belongs to, and a corner to be what a point there is."""
+
+_SLACK = 8.0
 _LONGEST_WALK = 200
 _DETOUR = 1.6
 
@@ -57,25 +60,31 @@ def join(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, part: Mis
     """
     rim = _rim(faces)
     border = np.flatnonzero(part.on_border)
-    targets, squared, owners = surface.closest(part.vertices[border])
+    targets, squared, _ = surface.closest(part.vertices[border])
     added = part.vertices.copy()
-    added[border] = targets
     # Where in the joined mesh every vertex of the part is: a new one, or the surface's.
     index = len(vertices) + np.arange(len(added))
     on_edges: dict[tuple[int, int], list[tuple[float, int]]] = defaultdict(list)
-    for vertex, target, face in zip(border, targets, owners, strict=True):
-        corner, edge, share = _place(rim, vertices, faces[face], target, tolerance)
-        if corner is not None:
-            index[vertex] = corner
-        elif edge is not None:
-            on_edges[edge].append((share, int(index[vertex])))
+    if rim.faces:
+        edges = np.array(list(rim.faces), dtype=np.int32)
+        # An edge is a triangle without area to the index.
+        nearby, rim_squared, owners = SurfaceIndex(vertices, edges[:, [0, 1, 1]]).closest(part.vertices[border])
+        near = rim_squared <= (_REACH * tolerance) ** 2
+        targets[near], squared[near] = nearby[near], rim_squared[near]
+        for vertex, target, edge in zip(border[near], nearby[near], edges[owners[near]].tolist(), strict=True):
+            corner, share = _place(vertices, (edge[0], edge[1]), target, tolerance)
+            if corner is None:
+                on_edges[edge[0], edge[1]].append((share, int(index[vertex])))
+            else:
+                index[vertex] = corner
+    added[border] = targets
     everything = np.concatenate([vertices, added])
     _share_points(on_edges, everything, index, len(vertices), tolerance)
     kept = _split_faces(faces, rim, {edge: sorted(points) for edge, points in on_edges.items()})
     between = _edge_of(on_edges)
-    new = index[part.faces]
+    new = index[part.faces].astype(np.int32)
     new = new[without_slivers(new)]
-    new = _split_along(new, rim, between, everything, len(vertices))
+    new = _split_along(new, rim, between, everything, len(vertices), _SLACK * tolerance)
     result = np.concatenate([kept, new]).astype(np.int32)
     return Joined(everything, result, len(kept), float(np.sqrt(squared.max(initial=0.0))))
 
@@ -96,21 +105,14 @@ def _rim(faces: IntArray) -> _Rim:
 
 
 def _place(
-    rim: _Rim, vertices: FloatArray, corners: AnyArray, target: FloatArray, tolerance: float
-) -> tuple[int | None, tuple[int, int] | None, float]:
-    """The rim's vertex at a point of a face, or else the rim's edge there and how far along; or neither."""
-    ids = [int(corner) for corner in corners]
-    for corner in ids:
-        if corner in rim.neighbours and np.linalg.norm(vertices[corner] - target) <= 1.5 * tolerance:
-            return corner, None, 0.0
-    for a, b in ((ids[0], ids[1]), (ids[1], ids[2]), (ids[0], ids[2])):
-        edge = (min(a, b), max(a, b))
-        if edge in rim.faces:
-            start, along = vertices[edge[0]], vertices[edge[1]] - vertices[edge[0]]
-            share = float((target - start) @ along / (along @ along))
-            if np.linalg.norm(start + share * along - target) <= 0.1 * tolerance:
-                return None, edge, share
-    return None, None, 0.0
+    vertices: FloatArray, edge: tuple[int, int], target: FloatArray, tolerance: float
+) -> tuple[int | None, float]:
+    """The end of an edge that a point on it is next to, if it is, and how far along the edge the point is."""
+    start, along = vertices[edge[0]], vertices[edge[1]] - vertices[edge[0]]
+    length = float(np.linalg.norm(along))
+    share = float((target - start) @ along) / max(length, 1e-300) ** 2
+    near = min(_CORNER * tolerance / max(length, 1e-300), 0.5)
+    return (edge[0] if share <= near else edge[1] if share >= 1.0 - near else None), share
 
 
 def _share_points(
@@ -169,13 +171,14 @@ def _split_along(
     between: dict[int, tuple[tuple[int, int], float]],
     points: FloatArray,
     first: int,
+    slack: float,
 ) -> AnyArray:
     """The part's faces with the rim's vertices along their open edges made corners."""
     own = _rim(faces) if len(faces) else _Rim()
     whole = np.ones(len(faces), dtype=np.bool_)
     cuts: dict[int, list[tuple[tuple[int, int], list[int]]]] = defaultdict(list)
     for edge, face in own.faces.items():
-        walked = _walk(rim, between, points, first, *edge)
+        walked = _walk(rim, between, points, first, *edge, slack)
         if walked:
             cuts[face].append((edge, walked))
     pieces: list[list[int]] = []
@@ -195,6 +198,7 @@ def _walk(
     first: int,
     start: int,
     end: int,
+    slack: float,
 ) -> list[int]:
     """The vertices of the rim on the way along it from one vertex to another, if it is hardly longer than straight."""
 
@@ -212,7 +216,7 @@ def _walk(
         return []
     straight = float(np.linalg.norm(points[start] - points[end]))
     best: list[int] = []
-    shortest = _DETOUR * straight
+    shortest = _DETOUR * straight + slack
     begins = rim.neighbours[start] if start < first else starts
     for begin in begins:
         path, previous, length = [begin], start if start < first else _other(starts, begin), 0.0

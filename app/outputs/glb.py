@@ -186,9 +186,10 @@ def _rod_matrix(axis: Axis, scale: float) -> list[float]:
 def _across(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two directions that make a right-handed frame with ``normal``, one as near to a coordinate axis as can be."""
     nearest = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = nearest - (nearest @ normal) * normal
-    first /= np.linalg.norm(first)
-    return first, np.cross(normal, first)
+    first: FloatArray = nearest - (nearest @ normal) * normal
+    first = first / np.linalg.norm(first)
+    second: FloatArray = np.cross(normal, first)
+    return first, second
 
 
 def _frame(x: FloatArray, y: FloatArray, z: FloatArray, origin: FloatArray) -> FloatArray:

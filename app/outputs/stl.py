@@ -11,7 +11,7 @@ _TITLE = b"binary STL written by prsnet"
 
 
 def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]]) -> bytes:
-    largest = np.finfo(np.float32).max / 4
+    largest = float(np.finfo(np.float32).max) / 4.0
     if max(abs(value) for corner in bounds for value in corner) > largest:
         raise DegenerateMeshError("The coordinates are beyond the range of STL; another format can hold them.")
     corners = vertices[faces]

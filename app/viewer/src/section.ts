@@ -37,7 +37,7 @@ export function section(corners: Float32Array, normal: Vector, point: Vector): F
   return new Float32Array(segments);
 }
 
-/** On which side of a plane there is more surface: where a part is missing, the other half is the one to mirror. */
+/** On which side of a plane there is more surface, each triangle counted where its centre is: where a part is missing, the other half is the one to mirror. */
 export function fullerSide(corners: ArrayLike<number>, normal: Vector, point: Vector): 1 | -1 {
   const offset = dot(normal, point);
   const [nx, ny, nz] = normal;

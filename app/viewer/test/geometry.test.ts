@@ -108,7 +108,7 @@ test("a plane cuts a cube in a square, through its corners too", () => {
 });
 
 test("the fuller side is the one with more surface", () => {
-  assert.equal(fullerSide(cube(), [1, 0, 0], [0.2, 0, 0]), -1);
-  assert.equal(fullerSide(cube(), [1, 0, 0], [-0.2, 0, 0]), 1);
-  assert.equal(fullerSide(cube(), [-1, 0, 0], [-0.2, 0, 0]), -1);
+  assert.equal(fullerSide(cube(), [1, 0, 0], [0.5, 0, 0]), -1);
+  assert.equal(fullerSide(cube(), [1, 0, 0], [-0.5, 0, 0]), 1);
+  assert.equal(fullerSide(cube(), [-1, 0, 0], [-0.5, 0, 0]), -1);
 });
