@@ -64,6 +64,7 @@ function legendOf(state: State): HTMLElement[] {
   if (state.view === "heat") {
     const what = about.kind === "plane" ? "mirrored" : `turned by ${degrees(about.order)},`;
     const units = unitSign(state.result?.frame.units ?? null);
+    const long = (value: number): string => `${short(value)} ${units}`.trim();
     const scale = state.result?.frame.scale ?? 1;
     const largest = state.heatLargest === null ? null : Math.max(state.heatLargest, LEAST_HEAT) * scale;
     return [
@@ -73,14 +74,14 @@ function legendOf(state: State): HTMLElement[] {
         "span",
         { class: "ends" },
         h("span", {}, "0"),
-        h("span", {}, largest === null ? "measuring …" : `${short(largest)} ${units}`),
+        h("span", {}, largest === null ? "measuring …" : long(largest)),
       ),
       h(
         "span",
         { class: "muted" },
         state.heatLargest === null
           ? ""
-          : `largest ${short(state.heatLargest * scale)} ${units}, rms ${short(about.rms)} ${units}`,
+          : `largest ${long(state.heatLargest * scale)}, rms ${long(about.rms)}`,
       ),
     ];
   }

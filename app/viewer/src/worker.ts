@@ -13,7 +13,8 @@ export type Answer =
   | { kind: "distances"; job: number; distances: Float32Array<ArrayBuffer>; largest: number };
 
 const MOST_TRIANGLES = 120_000;
-const CHUNK = 8_000;
+/** Vertices between two looks at what has come in; a multiple of three. */
+const CHUNK = 9_000;
 
 let corners = new Float32Array();
 let tree: TriangleTree | null = null;
@@ -48,15 +49,17 @@ async function measure(job: number, transform: number[]): Promise<void> {
   const distances = new Float32Array(count);
   const [a, b, c, d, e, f, g, h, i, j, k, l] = transform;
   let largest = 0;
+  // Of so many triangles none is cut, and each has three vertices of its own: its centre stands for all three.
+  const together = corners.length / 9 > MOST_TRIANGLES ? 3 : 1;
   for (let from = 0; from < count; from += CHUNK) {
-    for (let at = from; at < Math.min(count, from + CHUNK); at++) {
-      const [x, y, z] = [positions[3 * at], positions[3 * at + 1], positions[3 * at + 2]];
+    for (let at = from; at < Math.min(count, from + CHUNK); at += together) {
+      const [x, y, z] = centre(positions, at, together);
       const squared = tree.squaredDistance(
         a * x + b * y + c * z + d,
         e * x + f * y + g * z + h,
         i * x + j * y + k * z + l,
       );
-      distances[at] = Math.sqrt(squared);
+      distances.fill(Math.sqrt(squared), at, at + together);
       largest = Math.max(largest, distances[at]);
     }
     answer({ kind: "progress", job, done: Math.min(1, (from + CHUNK) / count) });
@@ -64,4 +67,15 @@ async function measure(job: number, transform: number[]): Promise<void> {
     if (job !== latest) return;
   }
   answer({ kind: "distances", job, distances, largest }, [distances.buffer]);
+}
+
+/** The middle of `number` points from the one at `first` on. */
+function centre(positions: Float32Array, first: number, number: number): [number, number, number] {
+  let [x, y, z] = [0, 0, 0];
+  for (let at = 3 * first; at < 3 * (first + number); at += 3) {
+    x += positions[at] / number;
+    y += positions[at + 1] / number;
+    z += positions[at + 2] / number;
+  }
+  return [x, y, z];
 }
