@@ -167,7 +167,8 @@ def complete(
     what = done.completion
     typer.echo(
         f"{output}: {what.faces_kept} faces kept, {what.faces_added} added "
-        f"({100 * what.area_added:.1f} % of the surface); seam closed over {what.seam_distance:.2g}; plane with an error of {what.plane.symmetry_error:.1e}"
+        f"({100 * what.area_added:.1f} % of the surface); seam closed over {what.seam_distance:.2g}; "
+        f"plane with an error of {what.plane.symmetry_error:.1e}"
     )
 
 
