@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install -qq -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url "$(TORCH_INDEX)")
 
 .DEFAULT_GOAL := help
-.PHONY: help serve test check format bench soak audit image train viewer viewer-check lock clean
+.PHONY: help serve test check format bench soak audit image train docs viewer viewer-check lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -46,6 +46,9 @@ train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare`)
 	@test -n "$(PREPARED)" || { echo 'usage: make train PREPARED=folder [ARGS=...]' >&2; exit 2; }
 	@$(BIN)/python -m training fit $(PREPARED) $(ARGS)
 
+docs: $(VENV)/.dev ## build the documentation into site/, broken links being errors
+	@$(BIN)/zensical build --clean --strict
+
 image: ## build the container image (ENGINE=docker or podman)
 	$(ENGINE) build --build-arg TORCH_INDEX="$(TORCH_INDEX)" -t $(IMAGE) .
 
@@ -74,7 +77,7 @@ $(VENV)/.serve: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing the service, training and development tools into $(VENV) (the first time takes some minutes) ...'
-	@$(INSTALL) -e '.[train,dev,otel]'
+	@$(INSTALL) -e '.[train,dev,docs,otel]'
 	@touch $(VENV)/.serve $@
 
 $(BIN)/python:

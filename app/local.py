@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app import runtime
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
 from app.outputs.mesh_file import MeshWriter
@@ -23,7 +24,7 @@ from model.mesh import Mesh, MeshLike, as_mesh
 from model.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from model.detector import Detector
+    from app.detection import SymmetryDetector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,7 @@ def detect(
         model.CheckpointError: the weights cannot.
         OSError: the file cannot be opened.
     """
-    detector = _detector(weights)
+    detector = detector_of(weights)
     started = time.perf_counter()
     triangles = as_mesh(mesh)
     parsed = time.perf_counter()
@@ -98,7 +99,7 @@ def complete(
     started = time.perf_counter()
     given = None if plane is None else plane_numbers(plane).tolist()
     options = CompleteOptions(given, symmetrize, max_error)
-    triangles, detector = as_mesh(mesh), _detector(weights)
+    triangles, detector = as_mesh(mesh), detector_of(weights)
     answer, vertices, faces = complete_mesh(
         detector, triangles, _name(mesh), options, started, time.perf_counter()
     )  # fmt: skip
@@ -138,10 +139,13 @@ def mesh_format(path: str | os.PathLike[str]) -> MeshFormat:
 
 
 @functools.cache
-def _detector(weights: str) -> "Detector":
-    from model.detector import Detector  # here: torch and numba take seconds to import
+def detector_of(weights: str) -> "SymmetryDetector":
+    """The detector with these weights, loaded once.
 
-    return Detector.load(weights)
+    Raises:
+        model.CheckpointError: they cannot be used.
+    """
+    return runtime.load_detector(weights)
 
 
 def _name(mesh: MeshLike) -> str:
