@@ -129,8 +129,8 @@ def judge(mesh: Mesh, shown: Shown, truth: Truth, detectors: Mapping[str, Detect
         ``faces``, ``clear_planes`` and ``clear_axes`` (numbers of), and ``methods``, a dictionary each: ``raw`` (SDE of
         every plane on the intact shape); where the shape has a clear plane ``gte`` and ``angle`` (degrees) of the best
         of them, ``gte_closest`` of the one with the smallest GTE, ``found`` (clear planes met, for each of
-        `TOLERANCES`); for networks also ``axes`` (clear axes met), ``validated`` (SDE of the planes of paper mode), ``validated_axes`` (how many) and ``ms`` (CPU time of what the
-        network does: all its frames and passes).
+        `TOLERANCES`); for networks also ``axes`` (clear axes met), ``validated`` (SDE of the planes of paper mode),
+        ``validated_axes`` (how many) and ``ms`` (CPU time of what the network does: all its frames and passes).
     """
     intact = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
     surface = SurfaceIndex(intact, mesh.faces)
