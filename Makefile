@@ -13,10 +13,10 @@ BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install -qq -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url "$(TORCH_INDEX)")
 
 .DEFAULT_GOAL := help
-.PHONY: help serve test check format bench soak audit image train lock clean
+.PHONY: help serve test check format bench soak audit image train docs viewer viewer-check lock clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
 serve: $(VENV)/.serve ## serve on http://127.0.0.1:8000 with the shipped weights (PORT= to change)
 	@exec $(BIN)/prsnet serve --port $(PORT)
@@ -46,8 +46,20 @@ train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare` 
 	@test -n "$(PREPARED)" || { echo 'usage: make train PREPARED=folder [ARGS=...]' >&2; exit 2; }
 	@$(BIN)/python -m training fit $(PREPARED) $(ARGS)
 
+docs: $(VENV)/.dev ## build the documentation into site/, broken links being errors
+	@$(BIN)/zensical build --clean --strict
+
 image: ## build the container image (ENGINE=docker or podman)
 	$(ENGINE) build --build-arg TORCH_INDEX="$(TORCH_INDEX)" -t $(IMAGE) .
+
+viewer: ## build app/static/viewer from app/viewer (needs Node 20 or newer and npm)
+	@cd app/viewer && npm ci --ignore-scripts --loglevel=error && npm run --silent format && npm run --silent build
+
+viewer-check: ## whether app/static/viewer is what app/viewer builds; its types, format, unit tests (needs Node and npm)
+	@cd app/viewer && npm ci --ignore-scripts --loglevel=error && npm run --silent check && npm run --silent test
+	@cd app/viewer && rm -rf node_modules/.built && npm run --silent build -- --out=node_modules/.built
+	@diff -rq app/viewer/node_modules/.built app/static/viewer || \
+		{ echo 'app/static/viewer is not what app/viewer builds: run `make viewer` and commit it' >&2; exit 1; }
 
 lock: $(VENV)/.dev ## write constraints.txt from what is installed in the virtual environment
 	@$(BIN)/python .ci/lock.py > constraints.txt.new && mv constraints.txt.new constraints.txt
@@ -65,7 +77,7 @@ $(VENV)/.serve: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing the service, training and development tools into $(VENV) (the first time takes some minutes) ...'
-	@$(INSTALL) -e '.[train,dev,otel]'
+	@$(INSTALL) -e '.[train,dev,docs,otel]'
 	@touch $(VENV)/.serve $@
 
 $(BIN)/python:

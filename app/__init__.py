@@ -1,7 +1,64 @@
-"""The HTTP service and the command line around the ``model`` package.
+"""The HTTP service, its client, and the command line around the ``model`` package.
 
-``main`` wires, ``routes`` answers, ``detection`` turns bytes into an answer, ``pool`` runs that off the
-event loop.
+``main`` wires, ``routes`` answers, ``detection`` turns bytes into an answer, ``workers`` run that off the event loop.
+
+What programs use is here, loaded on first use: `detect`, `complete` and `halve` in this process, `Client` and
+`AsyncClient` with a running service, and the errors that clients raise.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from model import __version__ as __version__
+
+if TYPE_CHECKING:
+    from app.client import AsyncClient, Client
+    from app.client_errors import (
+        ClientError,
+        ProblemAnswerError,
+        RequestError,
+        UnavailableError,
+        UnexpectedAnswerError,
+        UnreachableError,
+        UnusableMeshError,
+    )
+    from app.local import complete, detect, halve
+    from app.schemas import DetectResponse
+
+_HOMES = {
+    "AsyncClient": "client",
+    "Client": "client",
+    "ClientError": "client_errors",
+    "DetectResponse": "schemas",
+    "ProblemAnswerError": "client_errors",
+    "RequestError": "client_errors",
+    "UnavailableError": "client_errors",
+    "UnexpectedAnswerError": "client_errors",
+    "UnreachableError": "client_errors",
+    "UnusableMeshError": "client_errors",
+    "complete": "local",
+    "detect": "local",
+    "halve": "local",
+}
+
+__all__ = [
+    "AsyncClient",
+    "Client",
+    "ClientError",
+    "DetectResponse",
+    "ProblemAnswerError",
+    "RequestError",
+    "UnavailableError",
+    "UnexpectedAnswerError",
+    "UnreachableError",
+    "UnusableMeshError",
+    "complete",
+    "detect",
+    "halve",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'app' has no attribute {name!r}")
+    return getattr(import_module(f"app.{_HOMES[name]}"), name)

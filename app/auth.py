@@ -8,8 +8,9 @@ from fastapi import Request
 
 from app.problems import UNAUTHORIZED, ProblemError
 from app.runtime import Runtime
+from app.schemas import KEY_HEADER
 
-HEADER = "X-API-Key"
+HEADER = KEY_HEADER
 
 
 def require_key(request: Request) -> None:

@@ -79,8 +79,37 @@ def parse_and_detect(
     Raises:
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
+    return detect_file(detector, data, filename, options, limits, on_parsed)[0]
+
+
+def detect_file(
+    detector: SymmetryDetector,
+    data: bytes,
+    filename: str,
+    options: Options,
+    limits: MeshLimits,
+    on_parsed: Callable[[], None] = lambda: None,
+) -> "tuple[schemas.DetectResponse, Mesh]":
+    """What `parse_and_detect` answers, and the mesh it is about.
+
+    Raises:
+        model.errors.MeshError: the file cannot be read or the mesh cannot be used.
+    """
     started = time.perf_counter()
-    mesh = read_mesh(
+    mesh = read_within(limits, data, filename)
+    parsed = time.perf_counter()
+    on_parsed()
+    detection = detector.detect(mesh, mode=options.mode, max_error=options.max_error)
+    return to_response(detection, detector, filename, options.include, started, parsed), mesh
+
+
+def read_within(limits: MeshLimits, data: bytes, filename: str) -> "Mesh":
+    """The mesh of a file that keeps the limits.
+
+    Raises:
+        model.errors.MeshError: it does not, or cannot be read.
+    """
+    return read_mesh(
         data,
         filename,
         max_vertices=limits.vertices,
@@ -88,10 +117,6 @@ def parse_and_detect(
         max_nodes=limits.nodes,
         max_unpacked_bytes=limits.unpacked_bytes,
     )
-    parsed = time.perf_counter()
-    on_parsed()
-    detection = detector.detect(mesh, mode=options.mode, max_error=options.max_error)
-    return to_response(detection, detector, filename, options.include, started, parsed)
 
 
 def to_response(
@@ -118,23 +143,29 @@ def to_response(
             center=_numbers(detection.center),
             scale=float(detection.scale),
         ),
-        mesh=schemas.MeshInfo(
-            filename=filename,
-            format=mesh.source_format,
-            vertices=len(mesh.vertices),
-            faces=len(mesh.faces),
-            bounds=_rows(mesh.bounds),
-            watertight=bool(mesh.watertight),
-        ),
+        mesh=mesh_info(mesh, filename),
         model=schemas.ModelInfo(name=detector.name, version=detector.version, sha256=detector.sha256),
         warnings=list(detection.warnings),
         rejected=[_rejected(candidate) for candidate in detection.rejected] if "rejected" in include else [],
         bop=schemas.Bop.model_validate(detection.bop()) if "bop" in include else None,
-        timings_ms=_timings(detection.timings_ms, started, parsed),  # last: the total covers all of the above
+        timings_ms=timings(detection.timings_ms, started, parsed),  # last: the total covers all of the above
     )
 
 
-def _timings(steps: Mapping[str, float], started: float, parsed: float) -> schemas.Timings:
+def mesh_info(mesh: "Mesh", filename: str) -> schemas.MeshInfo:
+    """What an answer tells about a mesh."""
+    return schemas.MeshInfo(
+        filename=filename,
+        format=mesh.source_format,
+        vertices=len(mesh.vertices),
+        faces=len(mesh.faces),
+        bounds=_rows(mesh.bounds),
+        watertight=bool(mesh.watertight),
+    )
+
+
+def timings(steps: Mapping[str, float], started: float, parsed: float) -> schemas.Timings:
+    """The steps of a detection, with readings of ``time.perf_counter`` before and after the file was read."""
     return schemas.Timings(
         parse=(parsed - started) * 1e3,
         voxelize=steps.get("voxelize", 0.0),

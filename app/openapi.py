@@ -9,10 +9,12 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
-from fastapi.responses import PlainTextResponse
+from fastapi.responses import PlainTextResponse, Response
 
 from app import auth, problems, schemas
 from app.middleware import HEADER
+from app.outputs import csv_rows
+from app.outputs.meshes import WRITERS
 from app.problems import MEDIA_TYPE, ProblemType
 from app.uploads import FIELD
 
@@ -27,6 +29,9 @@ curl -F file=@chair.obj http://127.0.0.1:8000/detect
 
 **Formats**: STL, OBJ, PLY, OFF, GLB, glTF with embedded buffers, 3MF; told from the file's name, checked
 against its content.
+
+The answer is JSON. `format=`, or the header Accept, asks for an annotated GLB to look at, a BOP `models_info.json`
+entry, SHREC text, or CSV.
 
 **Errors** are `application/problem+json` (RFC 9457). Their `type` is stable, their `detail` says what to do,
 and `request_id` (also in the header `X-Request-ID`, which a client may send) finds the request in the log.
@@ -62,6 +67,8 @@ _EXAMPLE_RESPONSE = {
     "timings_ms": {"parse": 0.2, "voxelize": 0.3, "infer": 1.1, "refine": 0.0, "validate": 2.0, "total": 3.7},
     "warnings": [],
 }
+_CSV = csv_rows.write([schemas.DetectResponse.model_validate(_EXAMPLE_RESPONSE)]).decode()
+_JSON = "application/json"
 
 
 def _errors(*kinds: ProblemType) -> dict[int | str, dict[str, Any]]:
@@ -103,6 +110,26 @@ _UPLOAD_BODY = {
     },
 }
 
+_UPLOAD_PROBLEMS = (
+    problems.MALFORMED,
+    problems.UNAUTHORIZED,
+    problems.INVALID_PARAMETER,
+    problems.UPLOAD_TOO_SLOW,
+    problems.UPLOAD_TOO_LARGE,
+    problems.MESH_TOO_LARGE,
+    problems.UNSUPPORTED_FORMAT,
+    problems.UNREADABLE_MESH,
+    problems.EMPTY_MESH,
+    problems.DEGENERATE_MESH,
+    problems.INTERNAL,
+    problems.OVERLOADED,
+    problems.WORKER_LOST,
+    problems.NOT_READY,
+    problems.DEADLINE,
+)
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_TEXT = {"schema": {"type": "string"}}
+
 DETECT: dict[str, Any] = {
     "tags": ["symmetry"],
     "summary": "Find the symmetries of a mesh",
@@ -111,24 +138,25 @@ DETECT: dict[str, Any] = {
         200: {
             "model": schemas.DetectResponse,
             "description": "The symmetries; empty lists if there are none.",
+            "content": {
+                "model/gltf-binary": {
+                    **_BINARY,
+                    "description": "`format=glb`: the mesh, each plane as a translucent quad, each axis as a thin rod; "
+                    "nodes `mesh`, `plane 0`, `axis 0`, and so on.",
+                },
+                "application/vnd.prsnet.bop+json": {
+                    "schema": _ref("BopEntry"),
+                    "description": "`format=bop`, then sent as application/json: an entry of `models_info.json`.",
+                },
+                "text/csv": {**_TEXT, "description": "`format=csv`: a row a plane or axis.", "example": _CSV},
+                "text/plain": {
+                    **_TEXT,
+                    "description": "`format=shrec`: how many planes, then `nx ny nz px py pz confidence` a line.",
+                    "example": "1\n1.0 0.0 0.0 0.5 0.42 0.3 1.0\n",
+                },
+            },
         },
-        **_errors(
-            problems.MALFORMED,
-            problems.UNAUTHORIZED,
-            problems.INVALID_PARAMETER,
-            problems.UPLOAD_TOO_SLOW,
-            problems.UPLOAD_TOO_LARGE,
-            problems.MESH_TOO_LARGE,
-            problems.UNSUPPORTED_FORMAT,
-            problems.UNREADABLE_MESH,
-            problems.EMPTY_MESH,
-            problems.DEGENERATE_MESH,
-            problems.INTERNAL,
-            problems.OVERLOADED,
-            problems.WORKER_LOST,
-            problems.NOT_READY,
-            problems.DEADLINE,
-        ),
+        **_errors(*_UPLOAD_PROBLEMS, problems.NOT_ACCEPTABLE),
     },
     "openapi_extra": {
         "requestBody": _UPLOAD_BODY,
@@ -141,7 +169,43 @@ DETECT: dict[str, Any] = {
             {
                 "lang": "Shell",
                 "label": "curl, BOP JSON",
-                "source": "curl -F file=@part.stl 'http://127.0.0.1:8000/detect?include=bop'",
+                "source": "curl -F file=@part.stl 'http://127.0.0.1:8000/detect?format=bop'",
+            },
+            {
+                "lang": "Shell",
+                "label": "curl, picture",
+                "source": "curl -F file=@part.stl -o part.glb 'http://127.0.0.1:8000/detect?format=glb'",
+            },
+        ],
+    },
+}
+
+COMPLETE: dict[str, Any] = {
+    "tags": ["symmetry"],
+    "summary": "Complete a mesh by its mirror image",
+    "response_model": None,
+    "response_class": Response,
+    "responses": {
+        200: {
+            "description": "The completed mesh as a file, in the mesh's own coordinates.",
+            "content": {writer.media_type: _BINARY for writer in WRITERS.values()},
+            "headers": {
+                schemas.COMPLETION: {
+                    "description": "What was done, as JSON.",
+                    "content": {_JSON: {"schema": _ref("Completion")}},
+                },
+                "Content-Disposition": {"description": "A name for the file.", "schema": {"type": "string"}},
+            },
+        },
+        **_errors(*_UPLOAD_PROBLEMS, problems.NO_PLANE),
+    },
+    "openapi_extra": {
+        "requestBody": _UPLOAD_BODY,
+        "x-codeSamples": [
+            {
+                "lang": "Shell",
+                "label": "curl",
+                "source": "curl -F file=@scan.ply -o completed.ply 'http://127.0.0.1:8000/complete?max_error=2e-3'",
             },
         ],
     },
@@ -183,8 +247,10 @@ def build(app: FastAPI) -> dict[str, Any]:
     # Put in afterwards, because FastAPI drops members that are null from what it is given.
     answers = document["paths"]["/detect"]["post"]["responses"]
     answers["200"]["content"]["application/json"]["example"] = _EXAMPLE_RESPONSE
-    problem = schemas.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-    document["components"]["schemas"].update(problem.pop("$defs"), Problem=problem)
+    for schema in (schemas.Problem, schemas.Completion, schemas.BopEntry):
+        described = schema.model_json_schema(ref_template="#/components/schemas/{model}")
+        document["components"]["schemas"].update(described.pop("$defs", {}))
+        document["components"]["schemas"][schema.__name__] = described
     document["components"]["securitySchemes"] = _KEYS
     returned_id = {HEADER: {"description": "The request's id.", "schema": {"type": "string"}}}
     for operations in document["paths"].values():

@@ -20,6 +20,7 @@ from model.errors import (
     EmptyMeshError,
     MeshError,
     MeshTooLargeError,
+    NoPlaneError,
     UnreadableMeshError,
     UnsupportedFormatError,
 )
@@ -58,6 +59,10 @@ NOT_FOUND = ProblemType("not-found", 404, "Not found", "There is nothing at this
 METHOD_NOT_ALLOWED = ProblemType(
     "method-not-allowed", 405, "Method not allowed", "This address does not answer GET; it answers POST."
 )
+NOT_ACCEPTABLE = ProblemType(
+    "not-acceptable", 406, "Not acceptable",
+    "The header Accept names none of application/json, model/gltf-binary, text/csv, text/plain.",
+)  # fmt: skip
 UPLOAD_TOO_SLOW = ProblemType(
     "upload-too-slow", 408, "Upload too slow", "An upload may take 30 seconds, and pause for 10."
 )
@@ -78,6 +83,10 @@ EMPTY_MESH = ProblemType("empty-mesh", 422, "Empty mesh", "The file holds no fac
 DEGENERATE_MESH = ProblemType(
     "degenerate-mesh", 422, "Degenerate mesh", "The mesh has coordinates that are not finite numbers."
 )
+NO_PLANE = ProblemType(
+    "no-plane", 422, "No mirror plane",
+    "No mirror plane has an error of at most 0.0004; the best has 0.0021. Give a larger max_error, or a plane.",
+)  # fmt: skip
 INTERNAL = ProblemType(
     "internal-error", 500, "Internal error",
     "This is a defect of the service. Report it with the request id.",
@@ -100,6 +109,7 @@ _MESH_PROBLEMS: dict[type[MeshError], ProblemType] = {
     EmptyMeshError: EMPTY_MESH,
     DegenerateMeshError: DEGENERATE_MESH,
     MeshTooLargeError: MESH_TOO_LARGE,
+    NoPlaneError: NO_PLANE,
 }
 
 

@@ -1,26 +1,18 @@
 """The endpoints. They check, wait and answer; parsing and computing happen in worker processes."""
 
-from pathlib import Path
 from typing import Annotated, cast
 
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import FileResponse, RedirectResponse, Response
+from fastapi.responses import Response
 
-from app import __version__, openapi, schemas
+from app import __version__, answers, openapi, schemas
 from app.auth import require_key
-from app.detect import answer
 from app.metrics import CONTENT_TYPE
+from app.request import answer
 from app.runtime import Runtime
-
-_DOCS_PAGE = Path(__file__).parent / "static" / "docs.html"
-# Everything the page needs is served from here; the policy keeps it so.
-_DOCS_HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'"
-}
 
 router = APIRouter()
 metrics_router = APIRouter()
-docs_router = APIRouter()
 KEY = [Depends(require_key)]
 
 
@@ -34,8 +26,30 @@ RuntimeOf = Annotated[Runtime, Depends(_runtime)]
 @router.post("/detect", dependencies=KEY, **openapi.DETECT)
 async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()], runtime: RuntimeOf) -> Response:
     """Find the mirror planes and rotation axes of one mesh, in the file's own coordinates."""
-    response = await answer(request, runtime, query)
-    return Response(schemas.to_json(response, query.include), media_type="application/json")
+    choice = answers.wanted_format(query, request.headers.get("accept"))
+    include = [*query.include, "bop"] if choice.format == "bop" else list(query.include)
+    geometry = "glb" if choice.format == "glb" else None
+    result = await answer(
+        request, runtime, task="detect", mode=query.mode, max_error=query.max_error, include=include, geometry=geometry
+    )
+    return answers.detected(runtime, result, query, choice)
+
+
+@router.post("/complete", dependencies=KEY, **openapi.COMPLETE)
+async def complete(request: Request, query: Annotated[schemas.CompleteQuery, Query()], runtime: RuntimeOf) -> Response:
+    """Complete one mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
+    result = await answer(
+        request,
+        runtime,
+        task="complete",
+        mode="full",
+        max_error=query.max_error,
+        include=[],
+        geometry=query.format,
+        plane=query.plane,
+        symmetrize=query.symmetrize,
+    )
+    return answers.completed(runtime, result, query.format)
 
 
 @router.get("/health", **openapi.HEALTH)
@@ -72,6 +86,7 @@ async def model_card(runtime: RuntimeOf) -> schemas.ModelCard:
             stall_s=settings.stall_s,
             parse_s=settings.parse_s,
             deadline_s=settings.deadline_s,
+            max_answer_bytes=settings.max_answer_bytes,
             formats=card.formats,
         ),
     )
@@ -81,15 +96,3 @@ async def model_card(runtime: RuntimeOf) -> schemas.ModelCard:
 async def metrics(runtime: RuntimeOf) -> Response:
     """Counters, gauges and histograms for Prometheus."""
     return Response(runtime.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
-
-
-@docs_router.get("/", include_in_schema=False)
-async def home() -> Response:
-    """The documentation stands in for a home page."""
-    return RedirectResponse("docs")
-
-
-@docs_router.get("/docs", include_in_schema=False)
-async def docs() -> Response:
-    """Swagger UI, from files of this package: nothing is fetched from elsewhere."""
-    return FileResponse(_DOCS_PAGE, headers=_DOCS_HEADERS)

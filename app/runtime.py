@@ -50,6 +50,7 @@ class Runtime:
         self.pool = WorkerPool(settings, launch or launcher(settings.weights))
         self.state = State.STARTING
         self.uploading = 0
+        self.sending_bytes = 0
         keys = filter(None, (key.strip() for key in settings.api_keys.get_secret_value().split(",")))
         self.key_digests = [hashlib.sha256(key.encode()).digest() for key in keys]
         self.metrics = Metrics()
@@ -78,6 +79,7 @@ class Runtime:
     def _watch(self) -> None:
         watch, pool = self.metrics.watch, self.pool
         watch("uploading", "Uploads being received.", lambda: self.uploading)
+        watch("sending_bytes", "Bytes of meshes on their way to clients.", lambda: self.sending_bytes)
         watch("jobs_admitted", "Requests that hold a place in the queue or a worker.", lambda: pool.admitted)
         watch("jobs_running", "Jobs being worked on.", lambda: pool.running)
         watch("queue_depth", "Requests that wait for a worker.", lambda: pool.admitted - pool.running)

@@ -1,16 +1,27 @@
 """The JSON this service answers with. Every coordinate is in the input frame, every number finite."""
 
+import math
 from collections.abc import Collection
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
 Mode: TypeAlias = Literal["full", "paper"]
 Include: TypeAlias = Literal["rejected", "bop"]
+Format: TypeAlias = Literal["json", "glb", "bop", "shrec", "csv"]
+MeshFormat: TypeAlias = Literal["ply", "glb", "obj", "stl"]
 Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 Row: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
 Matrix: TypeAlias = Annotated[list[Row], Field(min_length=4, max_length=4)]
 FlatMatrix: TypeAlias = Annotated[list[float], Field(min_length=16, max_length=16)]
+
+
+KEY_HEADER = "X-API-Key"
+"""The header a key is sent in."""
+
+COMPLETION = "PRSNet-Completion"
+"""The header that says what `/complete` did."""
 
 
 class Schema(BaseModel):
@@ -35,6 +46,66 @@ class DetectQuery(Schema):
     include: list[Include] = Field(
         default=[], description="Also return rejected candidates, or the result as BOP JSON. Repeatable."
     )
+    format: Format | None = Field(
+        default=None,
+        description="What to answer with; without it the header Accept decides, and without both it is JSON.",
+    )
+
+
+class CompleteQuery(Schema):
+    """Options of ``POST /complete``."""
+
+    format: MeshFormat = Field(default="ply", description="File format of the completed mesh.")
+    normal: str | None = Field(
+        default=None,
+        max_length=200,
+        description="The plane to mirror at, as x,y,z of any length, with `offset`. Default: the best plane detected.",
+        examples=["1,0,0"],
+    )
+    offset: float | None = Field(
+        default=None, ge=-1e60, le=1e60, description="The plane is normal·x + offset = 0 in input coordinates."
+    )
+    symmetrize: bool = Field(default=False, description="Also average both halves, so that they become equal.")
+    max_error: float = Field(
+        default=4e-4,
+        gt=0,
+        le=1,
+        description="Largest symmetry error of a plane that is detected; a damaged mesh may need more.",
+    )
+
+    @field_validator("normal")
+    @classmethod
+    def _three_numbers(cls, value: str | None) -> str | None:
+        if value is not None:
+            _direction(value)
+        return value
+
+    @field_validator("offset")
+    @classmethod
+    def _with_normal(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and info.data.get("normal", "") is None:
+            raise PydanticCustomError("alone", "needs normal as well")
+        return value
+
+    @property
+    def plane(self) -> list[float] | None:
+        """Unit normal and offset, or None where the plane is to be detected."""
+        if self.normal is None:
+            return None
+        vector = _direction(self.normal)
+        length = math.hypot(*vector)
+        return [*(x / length for x in vector), (self.offset or 0.0) / length]
+
+
+def _direction(text: str) -> list[float]:
+    parts = text.split(",")
+    try:
+        vector = [float(part) for part in parts]
+    except ValueError:
+        raise PydanticCustomError("direction", "should be three numbers, as in 1,0,0") from None
+    if len(vector) != 3 or not 1e-60 < math.hypot(*vector) < 1e60:
+        raise PydanticCustomError("direction", "should be three numbers that are not all zero, as in 1,0,0")
+    return vector
 
 
 class Plane(Schema):
@@ -148,6 +219,19 @@ class Bop(Schema):
     symmetries_continuous: list[BopContinuous]
 
 
+class BopEntry(Schema):
+    """An entry of a BOP data set's ``models_info.json``: box and symmetries of one model, input units."""
+
+    min_x: float
+    min_y: float
+    min_z: float
+    size_x: float
+    size_y: float
+    size_z: float
+    symmetries_discrete: list[FlatMatrix] | None = Field(default=None, description="Left out if there are none.")
+    symmetries_continuous: list[BopContinuous] | None = Field(default=None, description="Left out if there are none.")
+
+
 class DetectResponse(Schema):
     """Every symmetry found, sorted by error. An asymmetric mesh has empty lists and the point group C1."""
 
@@ -169,6 +253,40 @@ def to_json(response: DetectResponse, include: Collection[Include]) -> bytes:
     return response.model_dump_json(exclude=left_out, by_alias=True).encode()
 
 
+class MirrorPlane(Schema):
+    """The plane a mesh was completed at: the points x with normal·x + offset = 0, input coordinates."""
+
+    normal: Vector
+    offset: float
+    detected: bool = Field(description="Found here, not given with the request.")
+    symmetry_error: float = Field(ge=0, description="Of the mesh as it came: the mean squared distance, unit frame.")
+
+
+class Completion(Schema):
+    """What `/complete` did, in the header `PRSNet-Completion`. Lengths in input units."""
+
+    plane: MirrorPlane
+    vertices_kept: int = Field(ge=0)
+    faces_kept: int = Field(ge=0)
+    vertices_added: int = Field(ge=0)
+    faces_added: int = Field(ge=0)
+    area_added: float = Field(ge=0, description="Surface added, as a share of the surface that was there.")
+    tolerance: float = Field(ge=0, description="What lies nearer to its mirror image than this is not missing.")
+    seam_distance: float = Field(
+        ge=0, description="Farthest that the rim of an added part was moved to close the seam."
+    )
+    symmetrized: bool
+
+
+class CompletedMesh(Schema):
+    """What a worker answers beside the mesh itself; a client gets the part ``completion``."""
+
+    completion: Completion
+    mesh: MeshInfo
+    timings_ms: Timings
+    complete_ms: float = Field(ge=0)
+
+
 class Health(Schema):
     """The service's state."""
 
@@ -188,6 +306,7 @@ class Limits(Schema):
     stall_s: float = Field(description="Seconds it may pause.")
     parse_s: float = Field(description="Seconds the reading of a file may take.")
     deadline_s: float = Field(description="Seconds a request may take in total.")
+    max_answer_bytes: int = Field(description="Bytes of a mesh that is sent back.")
     formats: list[str]
 
 

@@ -85,6 +85,12 @@ class Settings(BaseSettings):
         default=1024 * 1024, ge=0, description="Uploads above this size are kept on disk, not in memory."
     )
     spool_dir: str | None = Field(default=None, description="Folder for them (default: the system's, as in TMPDIR).")
+    max_answer_bytes: int = Field(
+        default=128 * 1024 * 1024, ge=1024, le=2**31, description="Largest mesh sent back; more is answered with 413."
+    )
+    sending_bytes: int = Field(
+        default=512 * 1024 * 1024, ge=1024, description="Bytes of meshes on their way to clients; beyond, one gets 503."
+    )
     max_connections: int = Field(default=1000, ge=1, description="Connections kept open; one more is closed at once.")
     worker_memory_bytes: int = Field(
         default_factory=memory_per_worker,
@@ -109,6 +115,7 @@ class Settings(BaseSettings):
     cors_origins: str = Field(
         default="", description="Origins whose pages may call the service, separated by commas (default: none)."
     )
+    viewer: bool = Field(default=True, description="Whether there is the viewer, at /.")
     docs: bool = Field(default=True, description="Whether there are /docs and /openapi.json.")
     metrics: bool = Field(default=True, description="Whether there is /metrics.")
     otel: bool = Field(default=False, description="Whether to send traces by OTLP (needs the extra `otel`).")

@@ -3,13 +3,16 @@
 import contextlib
 import encodings
 import importlib
+import itertools
 import pkgutil
 import struct
 from collections.abc import Iterable
-from typing import get_args
+from typing import Any, get_args
 
-from app.detection import MeshLimits, Options, SymmetryDetector, parse_and_detect
-from app.schemas import Include, Mode, to_json
+from app.detection import SymmetryDetector
+from app.schemas import Include, MeshFormat, Mode
+from app.workers.jobs import perform
+from app.workers.wire import Job
 from model.formats import read_mesh
 
 _CORNERS = [(x, 2 * y, 3 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
@@ -32,13 +35,30 @@ def warm_up(detector: SymmetryDetector) -> None:
     detector.warm_up()
     for name, data in sample_files():
         read_mesh(data, name)
-    name, data = sample_files()[0]
-    for mode in get_args(Mode):
-        options = Options(mode, include=get_args(Include))
-        to_json(parse_and_detect(detector, data, name, options, MeshLimits()), options.include)
+    for job, data in sample_jobs():
+        perform(detector, job, data)
     for module in pkgutil.iter_modules(encodings.__path__):
         with contextlib.suppress(ImportError):  # some are for other systems
             importlib.import_module(f"encodings.{module.name}")
+
+
+def sample_jobs() -> list[tuple[Job, bytes]]:
+    """Jobs that take every way a job can take, on small meshes: some whole, one of which a half is missing."""
+    include = list(get_args(Include))
+    name, whole = sample_files()[0]
+    half = f"OFF\n8 {len(_MIXED) - 2} 0\n{_lines(_CORNERS)}\n{_lines((len(f), *f) for f in _MIXED[:-2])}\n".encode()
+    common: dict[str, Any] = {
+        "max_error": 1.0, "include": include, "max_vertices": 100, "max_faces": 100, "max_nodes": 100,
+        "max_unpacked_bytes": 1 << 20, "cpu_s": 60.0, "place": "inline", "max_answer_bytes": 1 << 20,
+    }  # fmt: skip
+    jobs = [
+        (Job(name, mode, size=len(whole), geometry=geometry, **common), whole)
+        for mode, geometry in itertools.product(get_args(Mode), (None, "glb"))
+    ]
+    for geometry, symmetrize in itertools.product(get_args(MeshFormat), (False, True)):
+        ways: dict[str, Any] = {"task": "complete", "geometry": geometry, "symmetrize": symmetrize}
+        jobs.append((Job("half.off", "full", size=len(half), plane=[1.0, 0.0, 0.0, -0.5], **ways, **common), half))
+    return jobs
 
 
 def sample_files() -> list[tuple[str, bytes]]:

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from rendering import Scene, camera
 
+from app.outputs.rendering import Scene, camera
 from model import Detection, Detector
 from model.mesh import Mesh
 from training.shapes import generate

@@ -6,7 +6,8 @@ PRSNetError
 │   ├── UnreadableMeshError      the bytes do not parse as the format they claim
 │   ├── EmptyMeshError           it parses, but holds no faces
 │   ├── DegenerateMeshError      NaN or infinity, an index out of range, no extent, no area
-│   └── MeshTooLargeError        more vertices or faces than the caller allows
+│   ├── MeshTooLargeError        more vertices or faces than the caller allows
+│   └── NoPlaneError             it has no mirror plane to be completed at
 └── CheckpointError              the weights file is missing, damaged, or does not fit the network
 
 Messages are sentences a user can act on; they never quote file content.
@@ -39,6 +40,10 @@ class DegenerateMeshError(MeshError):
 
 class MeshTooLargeError(MeshError):
     """The mesh has more vertices or faces than the caller allows."""
+
+
+class NoPlaneError(MeshError):
+    """The mesh has no mirror plane within the threshold, and one is needed."""
 
 
 class CheckpointError(PRSNetError):

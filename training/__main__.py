@@ -209,7 +209,8 @@ def evaluate(
     ] = 40,
     ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
     by: Annotated[
-        str | None, typer.Option(help="Also tables by source, or by a column of the manifest, such as kind.")
+        str | None,
+        typer.Option(help="Also tables by source, by unseen sources, or by a column of the manifest, such as kind."),
     ] = None,
     manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
     progress: Verbose = True,

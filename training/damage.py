@@ -10,7 +10,8 @@ import numpy as np
 
 from model.frames import UnitFrame, triangle_areas
 from model.sampling import sample_surface
-from model.types import BoolArray, FloatArray, IntArray
+from model.subdivision import edge_lengths, halve_edges, subdivide
+from model.types import FloatArray, IntArray
 from training.solids import random_rotation
 
 DAMAGES = ("clean", "rotated", "noisy", "partial", "decimated")
@@ -171,21 +172,6 @@ def decimate(vertices: FloatArray, faces: IntArray, diagonal: float | None = Non
     return result
 
 
-def subdivide(vertices: FloatArray, faces: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
-    """Halve all edges longer than ``longest``, in both triangles alike, until there is none."""
-    while True:
-        wanted = edge_lengths(vertices, faces) > longest
-        if not wanted.any():
-            return vertices, faces
-        vertices, faces = _split(vertices, faces, wanted)
-
-
-def edge_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """``(f, 3)`` lengths of the edges from corner 0 to 1, 1 to 2 and 2 to 0."""
-    corners = vertices[faces]
-    return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-
-
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """``(v, 3)`` unit normals, the mean of the adjoining triangles weighted by area; zero where there is no area.
 
@@ -216,34 +202,7 @@ def _subdivide_rim(
         wanted = on_rim[:, None] & (edge_lengths(vertices, faces) > longest)
         if not wanted.any():
             return vertices, faces
-        vertices, faces = _split(vertices, faces, wanted)
-
-
-def _split(vertices: FloatArray, faces: IntArray, wanted: BoolArray) -> tuple[FloatArray, IntArray]:
-    """Halve the edges marked in ``wanted`` ``(f, 3)``, in every triangle that has them: no gaps open."""
-    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).astype(np.int64), axis=2)
-    keys = edges[..., 0] * len(vertices) + edges[..., 1]
-    marked = np.unique(keys[wanted])
-    ends = np.stack([marked // len(vertices), marked % len(vertices)], axis=1)
-    position = np.minimum(np.searchsorted(marked, keys), len(marked) - 1)
-    middle = np.where(marked[position] == keys, len(vertices) + position, -1)
-    grown = np.concatenate([vertices, vertices[ends].mean(1)])
-    count = (middle >= 0).sum(1)
-    parts = [faces[count == 0]]
-    for halved, lead in ((1, middle >= 0), (2, middle < 0), (3, middle >= -1)):
-        chosen = count == halved
-        # Turn the corners: one halved edge comes first, one that is not comes last.
-        first = np.argmax(lead[chosen], axis=1) + (1 if halved == 2 else 0)
-        turn = (first[:, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(faces[chosen], turn, axis=1).T
-        m, n, o = np.take_along_axis(middle[chosen], turn, axis=1).T
-        triangles = {
-            1: [(a, m, c), (m, b, c)],
-            2: [(m, b, n), (a, m, n), (a, n, c)],
-            3: [(a, m, o), (m, b, n), (o, n, c), (m, n, o)],
-        }[halved]
-        parts += [np.stack(triangle, axis=1) for triangle in triangles]
-    return grown, np.ascontiguousarray(np.concatenate(parts), dtype=np.int32)
+        vertices, faces, _ = halve_edges(vertices, faces, wanted)
 
 
 def _clustered(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatArray, IntArray]:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Coroutine
 from types import TracebackType
 
 from app.problems import OVERLOADED, ProblemError
-from app.schemas import DetectResponse
 from app.settings import Settings
 from app.workers import verify, wire
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
@@ -83,7 +82,7 @@ class WorkerPool:
         if self.admitted >= self.capacity:
             raise ProblemError(OVERLOADED, OVERLOADED.example, {"Retry-After": "1"})
 
-    async def run(self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None) -> DetectResponse:
+    async def run(self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None) -> verify.Answer:
         """The answer to a job about a file: its bytes, or a descriptor. When cancelled, the work ends at once.
 
         ``on_turn`` is called when the waiting is over.
@@ -121,7 +120,7 @@ class WorkerPool:
             factory, self._factory = self._factory, None
             await factory.close()
 
-    async def _let_work(self, worker: Worker, job: Job, data: bytes | int) -> DetectResponse:
+    async def _let_work(self, worker: Worker, job: Job, data: bytes | int) -> verify.Answer:
         """One try. The worker is given back only if it said all it had to; otherwise it is killed."""
         keep, reason = False, "deadline"
         try:
@@ -129,7 +128,8 @@ class WorkerPool:
             reason = "untrusted"
             if kind == wire.ANSWER:
                 assert self.card is not None
-                answer = await self._checked(payload, job, self.card)
+                body = await self._body(worker, job)
+                answer = await self._checked(payload, body, job, self.card)
                 keep = True
                 return answer
             if kind == wire.NO_MEMORY:
@@ -160,10 +160,19 @@ class WorkerPool:
             else:
                 self._discard(worker, reason)
 
-    async def _checked(self, payload: bytes, job: Job, card: Card) -> DetectResponse:
-        if len(payload) < wire.SMALL:
-            return verify.trusted_answer(payload, job, card)
-        return await asyncio.to_thread(verify.trusted_answer, payload, job, card)
+    async def _body(self, worker: Worker, job: Job) -> bytes | None:
+        """The geometry that follows the answer, if it was asked for."""
+        if job.geometry is None:
+            return None
+        kind, body = await wire.receive(worker.connection, job.max_answer_bytes)
+        if kind != wire.GEOMETRY:
+            raise wire.WireError("no geometry after the answer")
+        return body
+
+    async def _checked(self, payload: bytes, body: bytes | None, job: Job, card: Card) -> verify.Answer:
+        if len(payload) + len(body or b"") < wire.SMALL:
+            return verify.trusted(payload, body, job, card)
+        return await asyncio.to_thread(verify.trusted, payload, body, job, card)
 
     async def _converse(self, worker: Worker, job: Job, data: bytes | int) -> tuple[bytes, bytes]:
         seconds = self.settings.parse_s

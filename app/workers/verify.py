@@ -1,15 +1,21 @@
 """Why the server believes an answer: a worker may have been taken over by the file it parsed.
 
 The answer is parsed against the schema (all numbers finite, lists of the right length), compared with what was asked,
-bounded, and written anew: not a byte of the worker's own JSON reaches a client.
+bounded, and written anew: not a byte of the worker's own JSON reaches a client. Of a mesh the worker makes the numbers
+alone; all structure around them is written here, and the numbers are looked through (see ``app.outputs``).
 """
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 from pydantic import ValidationError
 
 from app import schemas
+from app.outputs import glb
+from app.outputs.mesh_file import BodyError, Counts
+from app.outputs.meshes import WRITERS
 from app.workers.factory import Card
 from app.workers.wire import Job
 from model import errors
@@ -23,6 +29,10 @@ _POINT_GROUP = re.compile(r"[A-Za-z0-9]{1,16}")
 _LONGEST_TEXT = 500
 _LONGEST_MS = 86_400_000.0
 _LARGEST_NUMBER = 1e80
+_LARGEST_SHARE = 1e6
+_GROWTH = 100
+"""So many times the faces and vertices that may come a completed mesh may have: small ones are cut into many."""
+
 _MESH_ERRORS = {kind.__name__: kind for kind in errors.MeshError.__subclasses__()}
 
 
@@ -30,28 +40,69 @@ class UntrustedError(Exception):
     """What came back cannot be an answer to the job."""
 
 
-def trusted_answer(body: bytes, job: Job, card: Card) -> schemas.DetectResponse:
-    """The answer, checked.
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A checked answer: what it says, and the parts of the mesh file that goes with it, if one does."""
+
+    content: schemas.DetectResponse | schemas.CompletedMesh
+    file: list[bytes] = field(default_factory=list[bytes])
+
+
+def trusted(text: bytes, body: bytes | None, job: Job, card: Card) -> Answer:
+    """The answer to any job, checked.
+
+    Raises:
+        UntrustedError: it breaks the schema, or is not about this job, or its geometry is none.
+    """
+    content = trusted_completion(text, job, card) if job.task == "complete" else trusted_answer(text, job, card)
+    if body is None:
+        return Answer(content)
+    try:
+        if isinstance(content, schemas.DetectResponse):
+            head = glb.annotated_head(content, body)
+        else:
+            counts = Counts(content.mesh.vertices, content.mesh.faces, content.mesh.bounds)
+            head = WRITERS[job.geometry or "ply"].head(counts, body)
+    except BodyError as error:
+        raise UntrustedError(f"a mesh with {error}") from error
+    return Answer(content, [head, body])
+
+
+def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMesh:
+    """What is said about a completed mesh, checked.
 
     Raises:
         UntrustedError: it breaks the schema, or is not about this job.
     """
-    try:
-        answer = schemas.DetectResponse.model_validate_json(body)
-    except ValidationError as error:
-        raise UntrustedError("the answer breaks the schema") from error
-    _require(answer.mesh.filename == job.filename, "another file's answer")
-    _require(answer.mesh.format in card.formats, "an unknown format")
-    _require(0 < answer.mesh.faces <= job.max_faces, "a number of faces beyond the limit")
-    _require(0 < answer.mesh.vertices <= job.max_vertices, "a number of vertices beyond the limit")
+    answer = _parsed(schemas.CompletedMesh, text)
+    done, mesh = answer.completion, answer.mesh
+    _require_mesh(mesh, job, card, growth=_GROWTH)
+    _require(_is_unit(done.plane.normal) and _in_range([done.plane.offset]), "a plane that is none")
+    _require(done.plane.detected == (job.plane is None), "a plane nobody asked for")
+    _require(done.symmetrized == job.symmetrize, "another task's answer")
+    counts = (done.vertices_kept, done.faces_kept, done.vertices_added, done.faces_added)
+    _require(max(counts) <= _GROWTH * max(job.max_faces, job.max_vertices), "an impossible number of faces")
+    _require(done.area_added <= _LARGEST_SHARE and _in_range([done.tolerance, done.seam_distance]), "no measures")
+    _require_timings(answer.timings_ms)
+    _require(answer.complete_ms <= _LONGEST_MS, "impossible timings")
+    return answer
+
+
+def trusted_answer(body: bytes, job: Job, card: Card) -> schemas.DetectResponse:
+    """The symmetries, checked.
+
+    Raises:
+        UntrustedError: they break the schema, or are not about this job.
+    """
+    answer = _parsed(schemas.DetectResponse, body)
+    _require_mesh(answer.mesh, job, card)
     model = answer.model
     _require((model.name, model.version, model.sha256) == (card.name, card.version, card.sha256), "another model")
     _require(_POINT_GROUP.fullmatch(answer.point_group) is not None, "no point group")
     _require(max(len(answer.planes), len(answer.axes), len(answer.rejected)) <= _MOST_ELEMENTS, "too many elements")
     _require(len(answer.warnings) <= _MOST_WARNINGS, "too many warnings")
     _require(all(map(_is_sentence, [*answer.warnings, answer.frame.units or ""])), "text that is no sentence")
-    timings = (getattr(answer.timings_ms, name) for name in schemas.Timings.model_fields)
-    _require(all(value <= _LONGEST_MS for value in timings), "impossible timings")
+    _require_timings(answer.timings_ms)
     for plane in answer.planes:
         _require(_is_unit(plane.normal) and _in_range([*plane.point, plane.offset]), "a plane that is none")
     for axis in answer.axes:
@@ -72,6 +123,30 @@ def trusted_error(value: object) -> errors.MeshError:
             return _MESH_ERRORS[name](message)
         case _:
             raise UntrustedError("an error that is none")
+
+
+T = TypeVar("T", bound=schemas.Schema)
+
+
+def _parsed(schema: type[T], text: bytes) -> T:
+    try:
+        return schema.model_validate_json(text)
+    except ValidationError as error:
+        raise UntrustedError("the answer breaks the schema") from error
+
+
+def _require_mesh(mesh: schemas.MeshInfo, job: Job, card: Card, growth: int = 1) -> None:
+    _require(mesh.filename == job.filename, "another file's answer")
+    _require(mesh.format in card.formats, "an unknown format")
+    _require(0 < mesh.faces <= growth * job.max_faces, "a number of faces beyond the limit")
+    _require(0 < mesh.vertices <= growth * job.max_vertices, "a number of vertices beyond the limit")
+    _require(all(map(_in_range, mesh.bounds)), "bounds out of range")
+    _require(all(low <= high for low, high in zip(*mesh.bounds, strict=True)), "bounds that are none")
+
+
+def _require_timings(timings: schemas.Timings) -> None:
+    values = (getattr(timings, name) for name in schemas.Timings.model_fields)
+    _require(all(value <= _LONGEST_MS for value in values), "impossible timings")
 
 
 def _require(holds: bool, otherwise: str) -> None:

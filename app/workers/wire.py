@@ -12,17 +12,18 @@ import struct
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from app.schemas import Include, Mode
+from app.schemas import Include, MeshFormat, Mode
 
 _HEAD = struct.Struct("!cI")
 
 # Server to zygote, with a socket attached; zygote to server.
 FORK, LOADED, FAILED, FORKED, ENDED = b"K", b"L", b"F", b"P", b"X"
 # Server to worker; worker to server.
-JOB, READY, PARSED, ANSWER, MESH_ERROR, NO_MEMORY, DEFECT = b"J", b"R", b"p", b"A", b"E", b"M", b"D"
+JOB, READY, PARSED, ANSWER, GEOMETRY = b"J", b"R", b"p", b"A", b"G"
+MESH_ERROR, NO_MEMORY, DEFECT = b"E", b"M", b"D"
 
 SMALL = 64 * 1024
-"""Limit of every frame but an answer, in bytes."""
+"""Limit of every frame but an answer and the geometry that may follow it, in bytes."""
 
 
 class WireError(Exception):
@@ -31,7 +32,11 @@ class WireError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One detection. ``size`` bytes of file follow the frame, or lie in the descriptor that came with it."""
+    """One file to work on. ``size`` bytes of it follow the frame, or lie in the descriptor that came with it.
+
+    With ``geometry`` the answer is followed by a frame of kind `GEOMETRY`, the body of a file of that format.
+    ``plane``, unit normal and offset, and ``symmetrize`` are for completing.
+    """
 
     filename: str
     mode: Mode
@@ -44,6 +49,11 @@ class Job:
     cpu_s: float
     size: int
     place: Literal["inline", "descriptor"]
+    task: Literal["detect", "complete"] = "detect"
+    geometry: MeshFormat | None = None
+    plane: list[float] | None = None
+    symmetrize: bool = False
+    max_answer_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +67,12 @@ class Walls:
 
 def frame(kind: bytes, payload: bytes = b"") -> bytes:
     """The bytes of a frame."""
-    return _HEAD.pack(kind, len(payload)) + payload
+    return head(kind, len(payload)) + payload
+
+
+def head(kind: bytes, size: int) -> bytes:
+    """What stands before ``size`` bytes of payload."""
+    return _HEAD.pack(kind, size)
 
 
 def json_frame(kind: bytes, value: Any) -> bytes:

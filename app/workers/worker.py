@@ -8,9 +8,9 @@ import traceback
 from typing import NoReturn
 
 from app.detection import MeshLimits, Options, SymmetryDetector, parse_and_detect
-from app.schemas import to_json
 from app.warmup import sample_files
 from app.workers import sandbox, wire
+from app.workers.jobs import perform
 from model.errors import MeshError
 
 _LONGEST_TRACE = 8000
@@ -68,7 +68,8 @@ def _serve_one(connection: socket.socket, detector: SymmetryDetector) -> bool:
             for descriptor in received[2]:
                 os.close(descriptor)
         sandbox.limit_cpu(job.cpu_s)
-        connection.sendall(_answer(connection, detector, job, data))
+        for frame in _answer(connection, detector, job, data):
+            connection.sendall(frame)
     except (EOFError, ConnectionError):
         return False
     except MemoryError:
@@ -78,21 +79,20 @@ def _serve_one(connection: socket.socket, detector: SymmetryDetector) -> bool:
     return True
 
 
-def _answer(connection: socket.socket, detector: SymmetryDetector, job: wire.Job, data: bytes) -> bytes:
-    options = Options(job.mode, job.max_error, job.include)
-    limits = MeshLimits(job.max_vertices, job.max_faces, job.max_nodes, job.max_unpacked_bytes)
-
+def _answer(connection: socket.socket, detector: SymmetryDetector, job: wire.Job, data: bytes) -> list[bytes]:
     def parsed() -> None:
         connection.sendall(wire.frame(wire.PARSED))
 
     try:
-        response = parse_and_detect(detector, data, job.filename, options, limits, parsed)
-        return wire.frame(wire.ANSWER, to_json(response, options.include))
+        text, body = perform(detector, job, data, parsed)
+        frames = [wire.frame(wire.ANSWER, text)]
+        # The body is not copied: it may be large.
+        return frames if body is None else [*frames, wire.head(wire.GEOMETRY, len(body)), body]
     except MeshError as error:
-        return wire.json_frame(wire.MESH_ERROR, [type(error).__name__, str(error)])
+        return [wire.json_frame(wire.MESH_ERROR, [type(error).__name__, str(error)])]
     except MemoryError:
         raise
     except Exception as error:
         if "can't allocate memory" in str(error):  # torch's way to say MemoryError
             raise MemoryError from error
-        return wire.json_frame(wire.DEFECT, traceback.format_exc()[-_LONGEST_TRACE:])
+        return [wire.json_frame(wire.DEFECT, traceback.format_exc()[-_LONGEST_TRACE:])]

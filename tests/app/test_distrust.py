@@ -1,25 +1,30 @@
 """What the server makes of bytes it has no reason to trust: a worker's answers, a client's forms."""
 
 import asyncio
+import contextlib
 import json
 import math
 import socket
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from fastapi import Request
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.openapi import _EXAMPLE_RESPONSE
+from app.outputs.meshes import WRITERS
 from app.problems import ProblemError
 from app.settings import Settings
 from app.uploads import read_upload
 from app.workers import wire
 from app.workers.factory import Card
-from app.workers.verify import UntrustedError, trusted_answer, trusted_error
+from app.workers.verify import UntrustedError, trusted, trusted_answer, trusted_error
 from app.workers.wire import Job
-from model.errors import EmptyMeshError
+from model.errors import DegenerateMeshError, EmptyMeshError
+from model.formats import read_mesh
 
 FUZZ = settings(
     max_examples=150, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
@@ -84,6 +89,74 @@ def test_more_elements_than_can_be_do_not_pass() -> None:
     answer["planes"] *= 10_001
     with pytest.raises(UntrustedError):
         trusted_answer(json.dumps(answer).encode(), JOB, CARD)
+
+
+COMPLETION = {
+    "completion": {
+        "plane": {"normal": [1.0, 0.0, 0.0], "offset": 0.0, "detected": True, "symmetry_error": 0.0},
+        "vertices_kept": 3, "faces_kept": 1, "vertices_added": 0, "faces_added": 0, "area_added": 0.0,
+        "tolerance": 0.0, "seam_distance": 0.0, "symmetrized": False,
+    },
+    "mesh": {
+        "filename": "chair.obj", "format": "obj", "vertices": 3, "faces": 1, "watertight": False,
+        "bounds": [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]],
+    },
+    "timings_ms": _EXAMPLE_RESPONSE["timings_ms"],
+    "complete_ms": 1.0,
+}  # fmt: skip
+COMPLETE = replace(JOB, task="complete", geometry="ply", max_answer_bytes=1000)
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+BODY = WRITERS["ply"].body(TRIANGLE, np.array([[0, 1, 2]], dtype=np.int32), [])
+
+
+def test_an_honest_completion_passes_and_its_file_is_written_by_the_server() -> None:
+    answer = trusted(json.dumps(COMPLETION).encode(), BODY, COMPLETE, CARD)
+    head, body = answer.file
+    assert head.startswith(b"ply\nformat binary_little_endian")
+    assert body is BODY
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("mesh", "filename"), "other.obj"),
+        (("mesh", "vertices"), 4),
+        (("mesh", "faces"), 2),
+        (("mesh", "faces"), 10**9),
+        (("mesh", "bounds"), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        (("mesh", "bounds"), [[-1e90, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        (("completion", "plane", "normal"), [1.0, 1.0, 0.0]),
+        (("completion", "plane", "detected"), False),
+        (("completion", "plane", "symmetry_error"), math.nan),
+        (("completion", "symmetrized"), True),
+        (("completion", "faces_added"), 10**12),
+        (("completion", "area_added"), 1e300),
+        (("completion", "note"), "Set-Cookie: x"),
+        (("complete_ms",), 1e12),
+        (("planes",), []),
+    ],
+)
+def test_a_lie_about_a_completion_does_not_pass(path: tuple[str, ...], value: Any) -> None:
+    content = json.loads(json.dumps(COMPLETION))
+    inner = content
+    for step in path[:-1]:
+        inner = inner[step]
+    inner[path[-1]] = value
+    with pytest.raises(UntrustedError):
+        trusted(json.dumps(content).encode(), BODY, COMPLETE, CARD)
+
+
+@FUZZ
+@given(st.data())
+def test_no_bytes_of_a_geometry_are_a_defect(data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(BODY)))
+    changed = BODY[:place] + data.draw(st.binary(max_size=8)) + BODY[place + data.draw(st.integers(0, 12)) :]
+    try:
+        answer = trusted(json.dumps(COMPLETION).encode(), changed, COMPLETE, CARD)
+    except UntrustedError:
+        return
+    with contextlib.suppress(DegenerateMeshError):  # a number may be any number
+        assert len(read_mesh(b"".join(answer.file), "x.ply").faces) == 1
 
 
 @FUZZ

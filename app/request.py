@@ -1,4 +1,4 @@
-"""One request for a detection, from its first byte to the answer: who waits for what, and what ends it."""
+"""One request about a mesh, from its first byte to the answer: who waits for what, and what ends it."""
 
 import asyncio
 import time
@@ -14,23 +14,24 @@ from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, 
 from app.runtime import Runtime
 from app.uploads import read_upload
 from app.workers.errors import OutOfMemoryError, TookTooLongError, WorkerLostError
+from app.workers.verify import Answer
 from app.workers.wire import Job
 
 T = TypeVar("T")
 
 
-async def answer(request: Request, runtime: Runtime, query: schemas.DetectQuery) -> schemas.DetectResponse:
-    """The symmetries of the mesh that a request brings.
+async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
+    """What there is to say about the mesh that a request brings; ``wanted`` are members of `Job`.
 
     Raises:
-        ProblemError: there are none, and why.
+        ProblemError: there is no answer, and why.
         model.errors.MeshError: the mesh is to blame.
         ClientDisconnect: nobody is left to answer.
     """
     seconds = runtime.settings.deadline_s
     try:
         async with asyncio.timeout(seconds):
-            return await _answer(request, runtime, query)
+            return await _answer(request, runtime, wanted)
     except TimeoutError as error:
         raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
     except TookTooLongError as error:
@@ -41,7 +42,7 @@ async def answer(request: Request, runtime: Runtime, query: schemas.DetectQuery)
         raise ProblemError(WORKER_LOST, WORKER_LOST.example, {"Retry-After": "1"}) from error
 
 
-async def _answer(request: Request, runtime: Runtime, query: schemas.DetectQuery) -> schemas.DetectResponse:
+async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
     settings = runtime.settings
     _ = runtime.card  # not-ready is told before anything is read, and so is a full queue
     runtime.pool.require_room()
@@ -63,24 +64,25 @@ async def _answer(request: Request, runtime: Runtime, query: schemas.DetectQuery
     with upload, runtime.pool.admit():
         job = Job(
             filename=upload.filename,
-            mode=query.mode,
-            max_error=query.max_error,
-            include=list(query.include),
             max_vertices=settings.max_vertices,
             max_faces=settings.max_faces,
             max_nodes=settings.max_nodes,
             max_unpacked_bytes=settings.max_unpacked_bytes,
+            max_answer_bytes=settings.max_answer_bytes,
             cpu_s=settings.deadline_s,
             size=upload.size,
             place="inline" if upload.file is None else "descriptor",
+            **wanted,
         )
-        response = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))
-    timings = response.timings_ms
+        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))
+    timings = result.content.timings_ms
     for name in ("parse", "voxelize", "infer", "refine"):
         spent[name] = getattr(timings, name)
     spent["validate"] = timings.validate_
+    if isinstance(result.content, schemas.CompletedMesh):
+        spent["complete"] = result.content.complete_ms
     spent["worker"] = timings.total
-    return response
+    return result
 
 
 def _since(began: float) -> float:

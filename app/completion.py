@@ -1,0 +1,104 @@
+"""From the bytes of a file to the completed mesh: what runs on a worker, and what the command line runs too."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app import schemas
+from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
+from model.errors import NoPlaneError
+from model.mesh import Mesh
+from model.mirroring import Completed, complete
+
+if TYPE_CHECKING:
+    from model.detection import Detection
+    from model.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class CompleteOptions:
+    """How to complete: at which plane (unit normal and offset; None: the best there is), and with what limit on it."""
+
+    plane: list[float] | None = None
+    symmetrize: bool = False
+    max_error: float = 4e-4
+
+
+def complete_file(
+    detector: SymmetryDetector,
+    data: bytes,
+    filename: str,
+    options: CompleteOptions,
+    limits: MeshLimits,
+    on_parsed: Callable[[], None] = lambda: None,
+) -> "tuple[schemas.CompletedMesh, FloatArray, IntArray]":
+    """The mesh of a file completed by its mirror image: what was done, vertices ``(v, 3)`` and faces ``(f, 3)``.
+
+    Raises:
+        NoPlaneError: none was given, and the mesh has none within ``options.max_error``.
+        model.errors.MeshError: the file cannot be read or the mesh cannot be used.
+    """
+    started = time.perf_counter()
+    mesh = read_within(limits, data, filename)
+    parsed = time.perf_counter()
+    on_parsed()
+    return complete_mesh(detector, mesh, filename, options, started, parsed)
+
+
+def complete_mesh(
+    detector: SymmetryDetector, mesh: Mesh, filename: str, options: CompleteOptions, started: float, parsed: float
+) -> "tuple[schemas.CompletedMesh, FloatArray, IntArray]":
+    """What `complete_file` answers, for a mesh that was read between two readings of ``time.perf_counter``.
+
+    Raises:
+        NoPlaneError: none was given, and the mesh has none within ``options.max_error``.
+    """
+    steps: dict[str, float] = {}
+    if options.plane is None:
+        detection = detector.detect(mesh, mode="full", max_error=options.max_error)
+        plane, steps = _best(detection, options.max_error), detection.timings_ms
+    else:
+        plane = np.array(options.plane)
+    began = time.perf_counter()
+    done = complete(mesh, plane, symmetrize=options.symmetrize)
+    result = Mesh.checked(done.vertices, done.faces, source_format=mesh.source_format, units=mesh.units)
+    answer = schemas.CompletedMesh(
+        completion=_completion(done, plane, options),
+        mesh=mesh_info(result, filename),
+        complete_ms=(time.perf_counter() - began) * 1e3,
+        timings_ms=timings(steps, started, parsed),
+    )
+    return answer, done.vertices, done.faces
+
+
+def _best(detection: "Detection", max_error: float) -> "FloatArray":
+    if detection.planes:
+        best = detection.planes[0]
+        return np.append(best.normal, best.offset)
+    errors = [item.symmetry_error for item in detection.rejected if item.kind == "plane"]
+    nearest = f"; the best has {min(errors):.2g}" if errors else ""
+    raise NoPlaneError(
+        f"No mirror plane has an error of at most {max_error:g}{nearest}. Give a larger max_error, or a plane."
+    )
+
+
+def _completion(done: Completed, plane: "FloatArray", options: CompleteOptions) -> schemas.Completion:
+    return schemas.Completion(
+        plane=schemas.MirrorPlane(
+            normal=[float(value) + 0.0 for value in plane[:3]],
+            offset=float(plane[3]) + 0.0,
+            detected=options.plane is None,
+            symmetry_error=done.symmetry_error,
+        ),
+        vertices_kept=done.vertices_kept,
+        faces_kept=done.faces_kept,
+        vertices_added=len(done.vertices) - done.vertices_kept,
+        faces_added=len(done.faces) - done.faces_kept,
+        area_added=done.area_added,
+        tolerance=done.tolerance,
+        seam_distance=done.seam_distance,
+        symmetrized=options.symmetrize,
+    )

@@ -1,0 +1,152 @@
+"""The service without a service: the same answers, in this process.
+
+>>> from app import detect
+>>> detect("chair.obj").planes[0].matrix
+"""
+
+import functools
+import os
+import time
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app import runtime
+from app.completion import CompleteOptions, complete_mesh
+from app.detection import to_response
+from app.outputs.mesh_file import MeshWriter
+from app.outputs.meshes import WRITERS
+from app.planes import PlaneLike, plane_numbers
+from app.schemas import Completion, DetectResponse, Include, MeshFormat, Mode
+from model import mirroring
+from model.mesh import Mesh, MeshLike, as_mesh
+from model.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from app.detection import SymmetryDetector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompletedGeometry:
+    """A completed mesh: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and what was done."""
+
+    vertices: FloatArray
+    faces: IntArray
+    completion: Completion
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
+
+        Raises:
+            ValueError: the extension is another one.
+            OSError: the file cannot be written.
+        """
+        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces))
+
+
+def detect(
+    mesh: MeshLike,
+    *,
+    mode: Mode = "full",
+    max_error: float = 4e-4,
+    include: Collection[Include] = (),
+    weights: str = "default",
+) -> DetectResponse:
+    """The symmetries of a mesh, as ``POST /detect`` and `app.client.Client.detect` answer.
+
+    Args:
+        mesh: the path of a file, a ``trimesh`` object, ``(vertices, faces)``, or a `model.Mesh`.
+        mode: ``full``: all symmetries, refined; ``paper``: the network's output, validated as there.
+        max_error: largest symmetry error of a result, unit frame.
+        include: ``rejected`` candidates, the result as ``bop`` JSON.
+        weights: ``default``, ``paper``, or the path of a .safetensors file; loaded once.
+
+    Raises:
+        model.MeshError: the mesh cannot be used; the subclass and the message say why.
+        model.CheckpointError: the weights cannot.
+        OSError: the file cannot be opened.
+    """
+    detector = detector_of(weights)
+    started = time.perf_counter()
+    triangles = as_mesh(mesh)
+    parsed = time.perf_counter()
+    detection = detector.detect(triangles, mode=mode, max_error=max_error)
+    return to_response(detection, detector, _name(mesh), include, started, parsed)
+
+
+def complete(
+    mesh: MeshLike,
+    *,
+    plane: PlaneLike | None = None,
+    symmetrize: bool = False,
+    max_error: float = 4e-4,
+    weights: str = "default",
+) -> CompletedGeometry:
+    """A mesh completed by its mirror image, as ``POST /complete`` does it.
+
+    Args:
+        mesh: as for `detect`.
+        plane: the plane to mirror at; without one, the best that is detected.
+        symmetrize: whether to average both halves.
+        max_error: largest symmetry error of a plane that is detected; a damaged mesh may need more.
+        weights: as for `detect`.
+
+    Raises:
+        model.errors.NoPlaneError: no plane was given, and none detected.
+        model.MeshError, model.CheckpointError, OSError: as for `detect`.
+    """
+    started = time.perf_counter()
+    given = None if plane is None else plane_numbers(plane).tolist()
+    options = CompleteOptions(given, symmetrize, max_error)
+    triangles, detector = as_mesh(mesh), detector_of(weights)
+    answer, vertices, faces = complete_mesh(
+        detector, triangles, _name(mesh), options, started, time.perf_counter()
+    )  # fmt: skip
+    return CompletedGeometry(vertices, faces, answer.completion)
+
+
+def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
+    """One half of a mesh, cut exactly at a plane and open there: vertices ``(v, 3)`` and faces ``(f, 3)``.
+
+    Raises:
+        model.MeshError: the mesh cannot be used, or nothing of it is on that side.
+    """
+    return mirroring.halve(as_mesh(mesh), plane_numbers(plane), positive=positive)
+
+
+def writer_for(path: str | os.PathLike[str]) -> MeshWriter:
+    """The writer for a file's name.
+
+    Raises:
+        ValueError: there is none for its extension.
+    """
+    extension = Path(path).suffix[1:].lower()
+    for name, writer in WRITERS.items():
+        if name == extension:
+            return writer
+    raise ValueError(f"the name must end in {', '.join('.' + name for name in WRITERS)}")
+
+
+def mesh_format(path: str | os.PathLike[str]) -> MeshFormat:
+    """The format that a file's name tells.
+
+    Raises:
+        ValueError: there is no writer for it.
+    """
+    writer = writer_for(path)
+    return next(name for name, known in WRITERS.items() if known is writer)
+
+
+@functools.cache
+def detector_of(weights: str) -> "SymmetryDetector":
+    """The detector with these weights, loaded once.
+
+    Raises:
+        model.CheckpointError: they cannot be used.
+    """
+    return runtime.load_detector(weights)
+
+
+def _name(mesh: MeshLike) -> str:
+    return Path(mesh).name if isinstance(mesh, str | os.PathLike) and not isinstance(mesh, Mesh) else ""

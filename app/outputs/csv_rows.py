@@ -1,0 +1,41 @@
+"""One row a plane or axis, for spreadsheets and data frames."""
+
+import csv
+import io
+
+from app.schemas import Axis, DetectResponse, Plane
+
+COLUMNS = (
+    "file", "point_group", "kind", "index", "x", "y", "z", "offset", "px", "py", "pz", "order", "continuous", "exact",
+    "symmetry_error", "rms_distance",
+)  # fmt: skip
+"""x, y, z are a plane's normal or an axis's direction; px, py, pz a point on it; all in input coordinates. ``order`` is
+empty for planes and for continuous axes, ``offset`` for axes."""
+
+
+def rows(response: DetectResponse) -> list[list[object]]:
+    """The rows of one mesh; one without symmetries has one row that says so, with ``kind`` none."""
+    start = [response.mesh.filename, response.point_group]
+    found = [
+        *(
+            [*start, "plane", i, *plane.normal, plane.offset, *_rest(plane, "")]
+            for i, plane in enumerate(response.planes)
+        ),
+        *([*start, "axis", i, *axis.direction, "", *_rest(axis, axis.order)] for i, axis in enumerate(response.axes)),
+    ]
+    return found or [[*start, "none", *[""] * (len(COLUMNS) - 3)]]
+
+
+def _rest(found: Plane | Axis, order: object) -> list[object]:
+    flags = ["yes" if flag else "no" for flag in (found.continuous, found.exact)]
+    return [*found.point, "" if order is None else order, *flags, found.symmetry_error, found.rms_distance]
+
+
+def write(responses: list[DetectResponse]) -> bytes:
+    """A table with a heading, RFC 4180, UTF-8."""
+    text = io.StringIO(newline="")
+    table = csv.writer(text)
+    table.writerow(COLUMNS)
+    for response in responses:
+        table.writerows(rows(response))
+    return text.getvalue().encode()

@@ -1,0 +1,206 @@
+"""Binary glTF: the mesh, and beside it every plane as a translucent quad and every axis as a thin rod.
+
+glTF has 32-bit coordinates. To keep the digits of a mesh far from its origin they are relative to the middle of its
+box, and the node ``mesh`` moves them there: readers that apply the transforms of nodes, as all should, get input
+coordinates.
+"""
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
+from app.schemas import Axis, DetectResponse, Plane
+from model.types import AnyArray, FloatArray, IntArray
+
+_U16, _U32, _F32 = 5123, 5125, 5126
+_SIDES = 12
+_MARGIN, _ROD_LENGTH, _ROD_RADIUS = 1.06, 1.2, 0.006
+_ORDINARY = 1e-15, 1e15
+_GREY = [0.72, 0.74, 0.77, 1.0]
+_EXACT_PLANE, _SIMILAR_PLANE = [0.10, 0.45, 0.85, 0.28], [0.95, 0.55, 0.10, 0.28]
+_EXACT_AXIS, _SIMILAR_AXIS = [0.80, 0.10, 0.20, 1.0], [0.95, 0.55, 0.10, 1.0]
+_MATERIALS = (_GREY, _EXACT_PLANE, _SIMILAR_PLANE, _EXACT_AXIS, _SIMILAR_AXIS)
+
+
+def _quad() -> tuple[FloatArray, IntArray]:
+    """The square of side 2 in the x-y plane."""
+    return np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+
+
+def _rod() -> tuple[FloatArray, IntArray]:
+    """The cylinder of radius 1 about z, from -1 to 1, closed."""
+    angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    ring = np.stack([np.cos(angles), np.sin(angles), np.ones(_SIDES)], axis=1)
+    points = np.concatenate([ring * [1, 1, -1], ring, [[0, 0, -1], [0, 0, 1]]])
+    here, bottom, top = np.arange(_SIDES), 2 * _SIDES, 2 * _SIDES + 1
+    there = (here + 1) % _SIDES
+    low, high = np.full(_SIDES, bottom), np.full(_SIDES, top)
+    faces = np.concatenate(
+        [np.stack(corners, axis=1) for corners in (
+            (here, there, there + _SIDES), (here, there + _SIDES, here + _SIDES),
+            (low, there, here), (high, here + _SIDES, there + _SIDES),
+        )]
+    )  # fmt: skip
+    return points, faces.astype(np.int32)
+
+
+def _marks() -> tuple[bytes, list[dict[str, Any]], list[dict[str, Any]]]:
+    """Quad and rod as bytes, with the views and accessors 2 to 5 that describe them, to stand before the body."""
+    data, views, accessors = b"", list[dict[str, Any]](), list[dict[str, Any]]()
+    for points, faces in (_quad(), _rod()):
+        for values, kind in ((points.astype("<f4"), _F32), (faces.astype("<u2"), _U16)):
+            views.append({"buffer": 0, "byteOffset": len(data), "byteLength": values.nbytes})
+            accessors.append(_accessor(len(views) - 1, values, kind))
+            data += values.tobytes() + b"\0" * (-values.nbytes % 4)
+    return data, views, accessors
+
+
+def _accessor(view: int, values: AnyArray, kind: int) -> dict[str, Any]:
+    if kind != _F32:
+        return {"bufferView": view, "componentType": kind, "count": values.size, "type": "SCALAR"}
+    low, high = values.min(axis=0).tolist(), values.max(axis=0).tolist()
+    return {"bufferView": view, "componentType": kind, "count": len(values), "type": "VEC3", "min": low, "max": high}
+
+
+def _placement(bounds: list[list[float]]) -> tuple[FloatArray, float]:
+    """Where the node ``mesh`` moves its geometry, and by what it multiplies it: 1 unless 32 bits would not do."""
+    low, high = np.array(bounds)
+    extent = float((high - low).max())
+    return (low + high) / 2.0, 1.0 if _ORDINARY[0] < extent < _ORDINARY[1] else extent
+
+
+def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]]) -> bytes:
+    origin, scale = _placement(bounds)
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):  # in vertices that no face uses
+        points = ((vertices - origin) / scale).astype("<f4")
+    points[~np.isfinite(points).all(axis=1)] = 0.0
+    return points.tobytes() + faces.astype("<u4").tobytes()
+
+
+def _size(vertices: int, faces: int) -> int:
+    return 12 * (vertices + faces)
+
+
+def _head(counts: Counts, body: bytes) -> bytes:
+    return _compose(counts, body, [], {})
+
+
+def annotated_head(response: DetectResponse, body: bytes) -> bytes:
+    """What stands before the body of a file with the mesh, its planes and its axes.
+
+    Nodes are named ``mesh``, ``plane 0``, ``axis 0`` and so on, in the order of the response; their extras hold the
+    numbers, those of ``mesh`` also the whole response as ``result``: one answer serves who needs both, as the viewer.
+
+    Raises:
+        BodyError: the body is not the geometry that the response tells of.
+    """
+    mesh = response.mesh
+    nodes: list[dict[str, Any]] = []
+    for index, plane in enumerate(response.planes):
+        extras = plane.model_dump(exclude={"matrix"})
+        matrix = _quad_matrix(plane, mesh.bounds)
+        nodes.append({"name": f"plane {index}", "mesh": 1 if plane.exact else 2, "matrix": matrix, "extras": extras})
+    for index, axis in enumerate(response.axes):
+        extras = axis.model_dump(exclude={"matrix"})
+        matrix = _rod_matrix(axis, response.frame.scale)
+        nodes.append({"name": f"axis {index}", "mesh": 3 if axis.exact else 4, "matrix": matrix, "extras": extras})
+    result = response.model_dump(mode="json", by_alias=True, exclude={"bop"} if response.bop is None else None)
+    extras = {"point_group": response.point_group, "scale": response.frame.scale, "result": result}
+    return _compose(Counts(mesh.vertices, mesh.faces, mesh.bounds), body, nodes, extras)
+
+
+def _compose(counts: Counts, body: bytes, marks: list[dict[str, Any]], extras: dict[str, Any]) -> bytes:
+    require(len(body) == _size(counts.vertices, counts.faces), "a body of another size")
+    points = np.frombuffer(body, "<f4", 3 * counts.vertices).reshape(-1, 3)
+    faces = np.frombuffer(body, "<u4", 3 * counts.faces, 12 * counts.vertices)
+    require_numbers(points)
+    require_indices(faces, counts.vertices)
+    data, views, accessors = _marks() if marks else (b"", [], [])
+    origin, scale = _placement(counts.bounds)
+    matrix = np.diag([scale, scale, scale, 1.0])
+    matrix[:3, 3] = origin
+    first = len(accessors)
+    for values, kind in ((points, _F32), (faces, _U32)):
+        views.append({"buffer": 0, "byteOffset": len(data) + (12 * counts.vertices if kind == _U32 else 0)})
+        views[-1]["byteLength"] = values.nbytes
+        accessors.append(_accessor(len(views) - 1, values, kind))
+    shapes = [(first, 0)] + ([(0, 1), (0, 2), (2, 3), (2, 4)] if marks else [])
+    nodes = [{"name": "mesh", "mesh": 0, "matrix": _columns(matrix), "extras": extras}, *marks]
+    document = {
+        "asset": {"version": "2.0", "generator": "prsnet"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": accessor}, "indices": accessor + 1, "material": material}]}
+            for accessor, material in shapes
+        ],
+        "materials": [_material(colour) for colour in _MATERIALS[: 5 if marks else 1]],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(data) + len(body)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + len(data) + len(body)
+    return b"".join(
+        [
+            struct.pack("<4sII", b"glTF", 2, total),
+            struct.pack("<I4s", len(text), b"JSON"), text,
+            struct.pack("<I4s", len(data) + len(body), b"BIN\0"), data,
+        ]
+    )  # fmt: skip
+
+
+def _material(colour: list[float]) -> dict[str, Any]:
+    surface = {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 0.9}
+    return {
+        "pbrMetallicRoughness": surface, "doubleSided": True, "alphaMode": "OPAQUE" if colour[3] == 1.0 else "BLEND",
+    }  # fmt: skip
+
+
+def _quad_matrix(plane: Plane, bounds: list[list[float]]) -> list[float]:
+    """Takes the unit quad to a rectangle on the plane that the shadow of the mesh's box just fits in."""
+    normal, point = np.array(plane.normal), np.array(plane.point)
+    first, second = _across(normal)
+    corners = np.array([[bounds[i][0], bounds[j][1], bounds[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    shadow = (corners - point) @ np.stack([first, second], axis=1)
+    low, high = shadow.min(axis=0), shadow.max(axis=0)
+    half = _MARGIN * (high - low) / 2.0
+    half = np.maximum(half, 0.02 * half.max())  # of a flat mesh something shall be seen
+    middle = point + (low + high) / 2.0 @ np.stack([first, second])
+    return _columns(_frame(half[0] * first, half[1] * second, half.max() * normal, middle))
+
+
+def _rod_matrix(axis: Axis, scale: float) -> list[float]:
+    """Takes the unit rod to one through the mesh's centre, longer than the mesh."""
+    direction = np.array(axis.direction)
+    first, second = _across(direction)
+    radius, length = _ROD_RADIUS * scale, _ROD_LENGTH * scale / 2.0
+    return _columns(_frame(radius * first, radius * second, length * direction, np.array(axis.point)))
+
+
+def _across(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two directions that make a right-handed frame with ``normal``, one as near to a coordinate axis as can be."""
+    nearest = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    first: FloatArray = nearest - (nearest @ normal) * normal
+    first = first / np.linalg.norm(first)
+    second: FloatArray = np.cross(normal, first)
+    return first, second
+
+
+def _frame(x: FloatArray, y: FloatArray, z: FloatArray, origin: FloatArray) -> FloatArray:
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([x, y, z, origin], axis=1)
+    return matrix
+
+
+def _columns(matrix: FloatArray) -> list[float]:
+    """As glTF wants it: column after column."""
+    return [float(value) for value in matrix.T.ravel()]
+
+
+WRITER = MeshWriter("model/gltf-binary", _body, _head, _size)

@@ -1,0 +1,68 @@
+"""What the writers of mesh files share: the two halves of a file, and why the second one can be believed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.types import AnyArray, FloatArray, IntArray
+
+
+class BodyError(Exception):
+    """A body is not what its counts say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What a file holds: vertices, triangles, and the corners (2, 3) of the box around them."""
+
+    vertices: int
+    faces: int
+    bounds: list[list[float]]
+
+
+@dataclass(frozen=True, slots=True)
+class MeshWriter:
+    """A format: ``head(counts, body) + body`` is a file.
+
+    Attributes:
+        media_type: what HTTP calls it.
+        body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32 as bytes; raises ``MeshError`` where they do not fit.
+        head: what stands before it. Raises `BodyError` when the body is not such a geometry: of another size, with
+            numbers that are none, with indices out of range.
+        size: bytes of the body, or more, by the numbers of vertices and faces.
+    """
+
+    media_type: str
+    body: Callable[[FloatArray, IntArray, list[list[float]]], bytes]
+    head: Callable[[Counts, bytes], bytes]
+    size: Callable[[int, int], int]
+
+    def file(self, vertices: FloatArray, faces: IntArray) -> bytes:
+        """The whole file."""
+        bounds = bounds_of(vertices, faces)
+        body = self.body(vertices, faces, bounds)
+        return self.head(Counts(len(vertices), len(faces), bounds), body) + body
+
+
+def bounds_of(vertices: FloatArray, faces: IntArray) -> list[list[float]]:
+    """Lowest and highest corner of the vertices that faces use."""
+    used = vertices[np.unique(faces)]
+    return [used.min(axis=0).tolist(), used.max(axis=0).tolist()]
+
+
+def require(holds: bool, otherwise: str) -> None:
+    """Raise `BodyError` unless it holds."""
+    if not holds:
+        raise BodyError(otherwise)
+
+
+def require_numbers(values: AnyArray) -> None:
+    """Raise `BodyError` unless all are finite."""
+    require(bool(np.isfinite(values).all()), "a coordinate that is no number")
+
+
+def require_indices(indices: AnyArray, vertices: int) -> None:
+    """Raise `BodyError` unless all are indices of vertices."""
+    if indices.size:
+        require(int(indices.min()) >= 0 and int(indices.max()) < vertices, "an index out of range")

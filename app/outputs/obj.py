@@ -1,0 +1,28 @@
+"""OBJ text: all digits of the coordinates, shared vertices."""
+
+from app.outputs.mesh_file import Counts, MeshWriter, require
+from model.types import FloatArray, IntArray
+
+_ALPHABET = b"vf 0123456789.e+-\n"
+_HEAD = b"# written by prsnet\n"
+
+
+def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]]) -> bytes:
+    points = "v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
+    corners = "f %d %d %d\n" * len(faces) % tuple((faces.ravel() + 1).tolist())
+    return (points + corners).encode()
+
+
+def _head(counts: Counts, body: bytes) -> bytes:
+    # No letter but these: no name of a material, of a file, no number that is none.
+    require(not body.translate(None, _ALPHABET), "a character that is in no coordinate")
+    lines = body.count(b"\nv ") + body.startswith(b"v "), body.count(b"\nf ")
+    require(lines == (counts.vertices, counts.faces), "another number of lines")
+    return _HEAD
+
+
+def _size(vertices: int, faces: int) -> int:
+    return 78 * vertices + 36 * faces  # at most: three numbers of 24 characters, three of 10
+
+
+WRITER = MeshWriter("model/obj", _body, _head, _size)

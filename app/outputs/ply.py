@@ -1,0 +1,45 @@
+"""Binary PLY: all digits of the coordinates, shared vertices."""
+
+import numpy as np
+
+from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
+from model.types import FloatArray, IntArray
+
+_FACE = np.dtype([("corners", "u1"), ("indices", "<i4", 3)])
+_VERTEX_BYTES = 24
+_HEAD = """\
+ply
+format binary_little_endian 1.0
+comment written by prsnet
+element vertex {vertices}
+property double x
+property double y
+property double z
+element face {faces}
+property list uchar int vertex_indices
+end_header
+"""
+
+
+def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]]) -> bytes:
+    records = np.empty(len(faces), dtype=_FACE)
+    records["corners"] = 3
+    records["indices"] = faces
+    return vertices.astype("<f8").tobytes() + records.tobytes()
+
+
+def _head(counts: Counts, body: bytes) -> bytes:
+    require(len(body) == _size(counts.vertices, counts.faces), "a body of another size")
+    vertices = np.frombuffer(body, "<f8", 3 * counts.vertices)
+    faces = np.frombuffer(body, _FACE, counts.faces, _VERTEX_BYTES * counts.vertices)
+    require_numbers(vertices)
+    require(bool((faces["corners"] == 3).all()), "a face that is no triangle")
+    require_indices(faces["indices"], counts.vertices)
+    return _HEAD.format(vertices=counts.vertices, faces=counts.faces).encode()
+
+
+def _size(vertices: int, faces: int) -> int:
+    return _VERTEX_BYTES * vertices + _FACE.itemsize * faces
+
+
+WRITER = MeshWriter("application/octet-stream", _body, _head, _size)
