@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -14,6 +15,7 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from model.errors import CheckpointError
+from model.inference import CompiledNetwork
 from model.network import Architecture, PRSNet
 
 FORMAT_VERSION = 1
@@ -40,13 +42,18 @@ class InputSpec:
             raise ValueError("frame must be unit or inertia, passes 1 to 8, sign_frames 1 or 8")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Checkpoint:
     """A network ready for inference, how to feed it, and its whole record."""
 
     network: PRSNet
     input: InputSpec
     metadata: Mapping[str, Any]
+
+    @cached_property
+    def compiled(self) -> CompiledNetwork:
+        """The network as the detector runs it; its weights must not change any more."""
+        return CompiledNetwork(self.network)
 
 
 def save_checkpoint(path: str | os.PathLike[str], network: PRSNet, metadata: Mapping[str, Any]) -> None:

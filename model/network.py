@@ -108,35 +108,36 @@ class PRSNet(nn.Module):
             planes: ``(b, planes, 4)``, rows ``(n, d)`` with ``|n| = 1`` and ``n.x + d = 0``, in the frame of the input.
             quaternions: ``(b, rotations, 4)``, unit, ``(w, x, y, z)``.
         """
-        return self.after_first_block(self._first_block(voxels))
-
-    def after_first_block(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """The rest of `forward`, from what the first block puts out: ``(b, c, R/2, R/2, R/2)``."""
-        for layer in list(self.features)[self._layers_a_block :]:
-            if isinstance(layer, nn.Conv3d) and features.device.type == "cpu":
-                features = convolve(features, layer)
-            else:
-                features = cast(Tensor, layer(features))
-        features = features.flatten(1)
+        features = self._features(voxels).flatten(1)
         planes = torch.stack([head(features) for head in self.plane_heads], dim=1)
-        planes = planes / _length(planes[..., :3]).clamp_min(1e-12)
         if not self.rotation_heads:
-            return planes, planes.new_zeros((len(planes), 0, 4))
+            return unit_planes(planes), planes.new_zeros((len(planes), 0, 4))
         quaternions = torch.stack([head(features) for head in self.rotation_heads], dim=1)
-        return planes, quaternions / _length(quaternions).clamp_min(1e-12)
+        return unit_planes(planes), unit_quaternions(quaternions)
 
-    @property
-    def _layers_a_block(self) -> int:
-        return 4 if self.architecture.batch_norm else 3
+    def _features(self, voxels: Tensor) -> Tensor:
+        if voxels.device.type != "cpu":
+            return self.features(voxels)
+        first = cast(nn.Conv3d, self.features[0])
+        features = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias))
+        for layer in list(self.features)[2:]:
+            features = convolve(features, layer) if isinstance(layer, nn.Conv3d) else cast(Tensor, layer(features))
+        return features
 
-    def _first_block(self, voxels: Tensor) -> Tensor:
-        layers = list(self.features)[: self._layers_a_block]
-        if voxels.device.type == "cpu":
-            first = cast(nn.Conv3d, layers[0])
-            voxels, layers = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias)), layers[2:]
-        for layer in layers:
-            voxels = cast(Tensor, layer(voxels))
-        return voxels
+    def blocks(self) -> list[list[nn.Module]]:
+        """The layers of `features`, block by block: convolution, pooling, normalisation if there is one, activation."""
+        layers, length = list(self.features), 4 if self.architecture.batch_norm else 3
+        return [layers[first : first + length] for first in range(0, len(layers), length)]
+
+
+def unit_planes(planes: Tensor) -> Tensor:
+    """Planes ``(..., 4)`` with normals of unit length, the same planes (section 3)."""
+    return planes / _length(planes[..., :3]).clamp_min(1e-12)
+
+
+def unit_quaternions(quaternions: Tensor) -> Tensor:
+    """Quaternions ``(..., 4)`` of unit length (section 3)."""
+    return quaternions / _length(quaternions).clamp_min(1e-12)
 
 
 def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:

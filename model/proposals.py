@@ -7,7 +7,6 @@ import numpy as np
 import torch
 
 from model.checkpoint import Checkpoint
-from model.first_block import first_block
 from model.frames import inertia_frame
 from model.network import axis_angle
 from model.transforms import sign_free_mean
@@ -16,8 +15,8 @@ from model.voxels import voxelize
 
 _SIGNS = np.array(sorted(product((1.0, -1.0), repeat=3), key=lambda signs: signs.count(-1.0)))
 """The frame as it comes, then mirrored along one axis, along two, along all. Averaged over all eight, the plane of a
-head across a coordinate axis is exact where the shape is symmetric to it: its inputs come in pairs of equals, mirrored along
-that axis and not. Of fewer frames some would have no partner."""
+head across a coordinate axis is exact where the shape is symmetric to it: its inputs come in pairs of equals, mirrored
+along that axis and not. Of fewer frames some would have no partner."""
 
 _SAME_DIRECTION = float(np.cos(np.pi / 4))
 
@@ -65,8 +64,7 @@ def _heads(checkpoint: Checkpoint, voxels: BoolArray, frames: int) -> tuple[Floa
     """Planes and quaternions ``(heads, frames, 4)`` in the frame of the voxels."""
     signs = _SIGNS[:frames]
     batch: BoolArray = np.stack([voxels[tuple(slice(None, None, int(step)) for step in sign)] for sign in signs])
-    with torch.inference_mode():
-        outputs = checkpoint.network.after_first_block(first_block(checkpoint.network, batch))
+    outputs = checkpoint.compiled(batch)
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.

@@ -169,7 +169,7 @@ def export(
     ] = None,
     checkpoint: Annotated[str, typer.Option(help="best or last")] = "best",
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="passes=N or sign_frames=N instead of the recipe's [inference].")
+        list[str] | None, typer.Option("--set", help="passes=N or sign_frames=N instead of the recipe's.")
     ] = None,
 ) -> None:
     """Turn a training checkpoint into weights the service loads."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.first_block import first_block
+from model.inference import CompiledNetwork
 from model.network import Architecture, PRSNet, axis_angle
 from model.sparse_block import convolve_and_pool
 from model.voxels import voxelize
@@ -93,21 +93,26 @@ def test_axis_angle_of_the_identity_is_no_turn():
 
 
 @pytest.mark.parametrize("batch_norm", [False, True])
-def test_the_compiled_first_block_gives_the_same_planes(batch_norm: bool):
-    """Random surfaces, voxels at the border of the grid among them, through both ways of computing the first block."""
+@pytest.mark.parametrize("resolution", [2, 4, 16])
+def test_the_compiled_network_gives_the_same_planes(batch_norm: bool, resolution: int):
+    """Random surfaces, empty and full ones and voxels at the border of the grid among them."""
     torch.manual_seed(0)
-    network = PRSNet(Architecture(resolution=16, batch_norm=batch_norm, channels=(6, 8, 10, 12)))
+    blocks = resolution.bit_length() - 1
+    network = PRSNet(
+        Architecture(resolution=resolution, batch_norm=batch_norm, channels=(6, 8, 10, 12)[:blocks], rotations=2)
+    )
+    for parameter in network.parameters():
+        parameter.data.add_(0.1 * torch.randn(parameter.shape))
     for layer in network.features:
         if isinstance(layer, torch.nn.BatchNorm3d):
             layer.weight.data.uniform_(-1.0, 1.0)  # a negative scale turns the order around that pooling relies on
-            layer.bias.data.uniform_(-1.0, 1.0)
             layer.running_mean.uniform_(-0.1, 0.1)
             layer.running_var.uniform_(0.5, 2.0)
     network.eval()
-    occupied = torch.rand((3, 16, 16, 16)) < torch.tensor([0.02, 0.3, 0.0])[:, None, None, None]
+    occupied = torch.rand((4, *[resolution] * 3)) < torch.tensor([0.02, 0.3, 0.0, 1.0])[:, None, None, None]
     occupied[1, 0], occupied[1, :, -1] = True, True
     with torch.inference_mode():
         planes, quaternions = network(occupied[:, None].float())
-        ours = network.after_first_block(first_block(network, occupied.numpy()))
+    ours = CompiledNetwork(network)(occupied.numpy())
     torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
     torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)

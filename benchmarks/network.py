@@ -1,0 +1,63 @@
+"""How long the network takes on one core: `python benchmarks/network.py [WEIGHTS...]`.
+
+CPU milliseconds of `model.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for 1, 2, 4 and 8 sign
+frames in one batch, beside `PRSNet.forward` on the same batch. Medians; run it on an idle machine.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from model.checkpoint import load_checkpoint
+from model.detector import use_one_thread
+from model.formats import read_mesh
+from model.frames import UnitFrame, inertia_frame
+from model.voxels import voxelize
+
+MESHES = Path(__file__).parents[1] / "tests/data"
+RUNS = 25
+
+
+def median_ms(run: Callable[[], object]) -> float:
+    """Median CPU time of a call in this thread."""
+    run()
+    spent: list[float] = []
+    for _ in range(RUNS):
+        began = time.thread_time()
+        run()
+        spent.append(time.thread_time() - began)
+    return 1e3 * float(np.median(spent))
+
+
+def main(weights: list[str]) -> None:
+    """One table."""
+    use_one_thread()
+    grids: list[np.ndarray] = []
+    for path in sorted(MESHES.iterdir()):
+        if path.suffix == ".md":
+            continue
+        mesh = read_mesh(path.read_bytes(), path.name)
+        vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
+        turned = np.ascontiguousarray(vertices @ inertia_frame(vertices, mesh.faces)[0].T)
+        grids.append(voxelize(turned, mesh.faces, 32))
+    print("| weights | frames | compiled, ms | PRSNet.forward, ms |\n| --- | --- | --- | --- |")
+    for name in weights:
+        checkpoint = load_checkpoint(name)
+        for frames in (1, 2, 4, 8):
+            compiled, plain = [], []
+            for grid in grids:
+                batch = np.stack([grid] * frames)
+                voxels = torch.as_tensor(batch[:, None].astype(np.float32))
+                compiled.append(median_ms(partial(checkpoint.compiled, batch)))
+                with torch.inference_mode():
+                    plain.append(median_ms(partial(checkpoint.network, voxels)))
+            print(f"| {name} | {frames} | {np.median(compiled):.2f} | {np.median(plain):.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or ["default", "paper"])
