@@ -42,7 +42,7 @@ soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, ove
 audit: $(VENV)/.dev ## known vulnerabilities of the pinned dependencies
 	@$(BIN)/python .ci/audit.py
 
-train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare`); ARGS= goes to `fit`
+train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare` and `label`); ARGS= goes to `fit`
 	@test -n "$(PREPARED)" || { echo 'usage: make train PREPARED=folder [ARGS=...]' >&2; exit 2; }
 	@$(BIN)/python -m training fit $(PREPARED) $(ARGS)
 

@@ -24,7 +24,6 @@ from model.mesh import Mesh, MeshLike, as_mesh
 from model.paper import validated
 from model.proposals import (
     Proposals,
-    as_input,
     input_rotation,
     next_rotation,
     predict,
@@ -141,7 +140,7 @@ class Detector:
         occupied = turned_voxels(self._checkpoint, vertices, faces, turn)
         timings["voxelize"] = _since(mark)
         mark = time.perf_counter()
-        proposals = predict_each(self._checkpoint, as_input(occupied), turn, FULL_FRAMES) if sources.network else None
+        proposals = predict_each(self._checkpoint, occupied, turn, FULL_FRAMES) if sources.network else None
         timings["infer"] = _since(mark)
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
@@ -168,7 +167,7 @@ class Detector:
         mark = time.perf_counter()
         rotation = input_rotation(self._checkpoint, vertices, faces)
         for step in range(self._checkpoint.input.passes):
-            voxels = as_input(turned_voxels(self._checkpoint, vertices, faces, rotation))
+            voxels = turned_voxels(self._checkpoint, vertices, faces, rotation)
             spent["voxelize"] += _since(mark)
             mark = time.perf_counter()
             proposals = predict(self._checkpoint, voxels, rotation)

@@ -20,7 +20,9 @@ class Architecture:
     ``resolution`` R is a power of two and gives log2 R convolution blocks. ``width`` multiplies every channel
     count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each pooling (an eighth of
     the work of one behind the convolution), which the paper does not have. ``planes`` and ``rotations`` are the numbers
-    of heads, at most three each: the initial directions are the coordinate axes.
+    of heads, at most three each: the initial directions are the coordinate axes. ``channels``, if given, are the
+    channel counts of the blocks instead of the paper's doubling: the late blocks work on few voxels, so that more of
+    their channels cost little time.
     """
 
     resolution: int = 32
@@ -28,12 +30,26 @@ class Architecture:
     batch_norm: bool = False
     planes: int = 3
     rotations: int = 3
+    channels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.resolution < 2 or self.resolution & (self.resolution - 1):
             raise ValueError(f"resolution must be a power of two of at least 2, not {self.resolution}")
         if self.width < 1 or not 1 <= self.planes <= 3 or not 0 <= self.rotations <= 3:
             raise ValueError("width must be positive, planes 1 to 3 and rotations 0 to 3")
+        object.__setattr__(self, "channels", tuple(self.channels))  # JSON knows lists only
+        if self.channels and (len(self.channels) != self.blocks or min(self.channels) < 1):
+            raise ValueError(f"channels must be {self.blocks} positive numbers, one a block")
+
+    @property
+    def blocks(self) -> int:
+        """Convolution blocks, each of which halves the resolution."""
+        return self.resolution.bit_length() - 1
+
+    @property
+    def block_channels(self) -> tuple[int, ...]:
+        """Channels each block puts out; those of the last are the feature vector."""
+        return self.channels or tuple(4 * self.width * 2**block for block in range(self.blocks))
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain values, for the metadata of a checkpoint."""
@@ -43,22 +59,21 @@ class Architecture:
 class PRSNet(nn.Module):
     """The paper's network: log2 R blocks of convolution, max pooling and leaky ReLU, then one small head an output.
 
-    The feature vector has ``2 * width * R`` entries (64 in the paper). Every head is fully connected,
-    ``features -> features / 2 -> features / 4 -> 4``, the last layer linear.
+    The feature vector has as many entries as the last block has channels (64 in the paper). Every head is fully
+    connected, ``features -> features / 2 -> features / 4 -> 4``, the last layer linear.
     """
 
     def __init__(self, architecture: Architecture | None = None) -> None:
         super().__init__()
         self.architecture = architecture or Architecture()
-        blocks = self.architecture.resolution.bit_length() - 1
         layers: list[nn.Module] = []
-        channels_in, channels = 1, 4 * self.architecture.width
-        for _ in range(blocks):
+        channels_in = 1
+        for channels in self.architecture.block_channels:
             layers += [nn.Conv3d(channels_in, channels, kernel_size=3, padding=1), nn.MaxPool3d(2)]
             if self.architecture.batch_norm:
                 layers.append(nn.BatchNorm3d(channels))
             layers.append(nn.LeakyReLU(LEAKY_SLOPE, inplace=True))
-            channels_in, channels = channels, channels * 2
+            channels_in = channels
         self.features = nn.Sequential(*layers)
         self.plane_heads = nn.ModuleList(_head(channels_in) for _ in range(self.architecture.planes))
         self.rotation_heads = nn.ModuleList(_head(channels_in) for _ in range(self.architecture.rotations))
@@ -93,7 +108,16 @@ class PRSNet(nn.Module):
             planes: ``(b, planes, 4)``, rows ``(n, d)`` with ``|n| = 1`` and ``n.x + d = 0``, in the frame of the input.
             quaternions: ``(b, rotations, 4)``, unit, ``(w, x, y, z)``.
         """
-        features = self._features(voxels).flatten(1)
+        return self.after_first_block(self._first_block(voxels))
+
+    def after_first_block(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """The rest of `forward`, from what the first block puts out: ``(b, c, R/2, R/2, R/2)``."""
+        for layer in list(self.features)[self._layers_a_block :]:
+            if isinstance(layer, nn.Conv3d) and features.device.type == "cpu":
+                features = convolve(features, layer)
+            else:
+                features = cast(Tensor, layer(features))
+        features = features.flatten(1)
         planes = torch.stack([head(features) for head in self.plane_heads], dim=1)
         planes = planes / _length(planes[..., :3]).clamp_min(1e-12)
         if not self.rotation_heads:
@@ -101,14 +125,18 @@ class PRSNet(nn.Module):
         quaternions = torch.stack([head(features) for head in self.rotation_heads], dim=1)
         return planes, quaternions / _length(quaternions).clamp_min(1e-12)
 
-    def _features(self, voxels: Tensor) -> Tensor:
-        if voxels.device.type != "cpu":
-            return self.features(voxels)
-        first = cast(nn.Conv3d, self.features[0])
-        features = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias))
-        for layer in list(self.features)[2:]:
-            features = convolve(features, layer) if isinstance(layer, nn.Conv3d) else cast(Tensor, layer(features))
-        return features
+    @property
+    def _layers_a_block(self) -> int:
+        return 4 if self.architecture.batch_norm else 3
+
+    def _first_block(self, voxels: Tensor) -> Tensor:
+        layers = list(self.features)[: self._layers_a_block]
+        if voxels.device.type == "cpu":
+            first = cast(nn.Conv3d, layers[0])
+            voxels, layers = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias)), layers[2:]
+        for layer in layers:
+            voxels = cast(Tensor, layer(voxels))
+        return voxels
 
 
 def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:

@@ -5,16 +5,19 @@ from itertools import product
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from model.checkpoint import Checkpoint
+from model.first_block import first_block
 from model.frames import inertia_frame
 from model.network import axis_angle
 from model.transforms import sign_free_mean
 from model.types import BoolArray, FloatArray, IntArray
 from model.voxels import voxelize
 
-_SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
+_SIGNS = np.array(sorted(product((1.0, -1.0), repeat=3), key=lambda signs: signs.count(-1.0)))
+"""The frame as it comes, mirrored along one axis, along two, along all. Averaged over the first four, the plane of a
+head across a coordinate axis is exact where the shape is symmetric to it: mirrored along it the input is the same."""
+
 _SAME_DIRECTION = float(np.cos(np.pi / 4))
 
 
@@ -43,31 +46,26 @@ def turned_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray,
     return voxelize(turned, faces, checkpoint.network.architecture.resolution)
 
 
-def as_input(occupied: BoolArray) -> Tensor:
-    """Voxels as network input ``(1, 1, R, R, R)``."""
-    return torch.as_tensor(occupied.astype(np.float32))[None, None]
-
-
-def predict(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray) -> Proposals:
-    """One pass: the network on ``voxels``, averaged over sign frames if the weights ask for it, in the unit frame."""
+def predict(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray) -> Proposals:
+    """One pass on ``voxels`` ``(R, R, R)``, averaged over sign frames if the weights ask for it, in the unit frame."""
     planes, quaternions = _heads(checkpoint, voxels, checkpoint.input.sign_frames)
     mean_planes = np.stack([_mean_plane(head) for head in planes])
     turns = np.stack([sign_free_mean(head) for head in quaternions]) if len(quaternions) else np.zeros((0, 4))
     return _proposals(mean_planes, turns, rotation)
 
 
-def predict_each(checkpoint: Checkpoint, voxels: Tensor, rotation: FloatArray, frames: int) -> Proposals:
+def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
     """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
     planes, quaternions = _heads(checkpoint, voxels, frames)
     return _proposals(planes.reshape(-1, 4), quaternions.reshape(-1, 4), rotation)
 
 
-def _heads(checkpoint: Checkpoint, voxels: Tensor, frames: int) -> tuple[FloatArray, FloatArray]:
+def _heads(checkpoint: Checkpoint, voxels: BoolArray, frames: int) -> tuple[FloatArray, FloatArray]:
     """Planes and quaternions ``(heads, frames, 4)`` in the frame of the voxels."""
     signs = _SIGNS[:frames]
-    batch = torch.cat([torch.flip(voxels, [axis + 2 for axis in range(3) if sign[axis] < 0]) for sign in signs])
+    batch: BoolArray = np.stack([voxels[tuple(slice(None, None, int(step)) for step in sign)] for sign in signs])
     with torch.inference_mode():
-        outputs = checkpoint.network(batch)
+        outputs = checkpoint.network.after_first_block(first_block(checkpoint.network, batch))
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.

@@ -1,8 +1,9 @@
-"""Command line: `python -m training prepare | fit | export | evaluate | groundtruth | shapes`.
+"""Command line: `python -m training prepare | label | fit | export | evaluate | groundtruth | shapes`.
 
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,13 +18,24 @@ Verbose = Annotated[bool, typer.Option("--progress/--no-progress", help="Show a 
 
 @app.command()
 def prepare(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; ShapeNetCore.v2's layout is recognised.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folders of meshes, plain or as ShapeNetCore.v2, ModelNet, ABC and Thingi10K are published."
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Where the prepared set goes.")],
     samples: Annotated[int, typer.Option(min=1000, help="Surface samples stored a shape.")] = 4096,
     resolution: Annotated[int, typer.Option(help="Edge of the voxel and closest-point grids.")] = 32,
     mesh_only: Annotated[
         bool, typer.Option(help="Leave out what `fit` can derive: a tenth of the size, to travel to another machine.")
     ] = False,
+    split: Annotated[
+        str | None, typer.Option(help="Take only this part, where the data has an official one: train, val or test.")
+    ] = None,
+    manifest: Annotated[
+        Path | None, typer.Option(help="CSV file: path, and any of source, category, licence, split.")
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     progress: Verbose = True,
 ) -> None:
@@ -32,11 +44,42 @@ def prepare(
     from training.prepare import prepare as run
 
     try:
-        summary = run(folders, out, Options(resolution, samples, mesh_only), workers, progress)
-    except ValueError as error:
+        options = Options(resolution, samples, mesh_only)
+        summary = run(folders, out, options, workers, progress, split=split, manifest=manifest)
+    except (ValueError, OSError) as error:
         raise typer.BadParameter(str(error)) from error
     typer.echo(f"{summary.shapes} shapes prepared, {summary.skipped} skipped ({out / 'skipped.csv'})")
     typer.echo(f"data manifest {summary.sha256}")
+
+
+@app.command()
+def label(
+    prepared: Annotated[Path, typer.Argument(help="A prepared set; the labels are written into it.")],
+    method: Annotated[
+        str,
+        typer.Option(help="scan: full mode without a network; pca: refined planes of PCA; groundtruth: from a file."),
+    ] = "scan",
+    truth: Annotated[
+        Path | None, typer.Option("--groundtruth", help="The file that `groundtruth` wrote of the same folders.")
+    ] = None,
+    planes: Annotated[int, typer.Option(min=1, help="At most so many planes a shape, the best.")] = 16,
+    max_error: Annotated[float, typer.Option(help="Largest symmetry error (SDE) of a label.")] = 4e-4,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Find planes with a classical method, for the recipe's section [supervision]. Call it again to resume."""
+    from training.labels import Options
+    from training.labels import label as run
+    from training.prepared import PreparedSet
+
+    try:
+        summary = run(PreparedSet(prepared), Options(method, planes, max_error), truth, workers, progress)
+    except (ValueError, OSError) as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(
+        f"{summary.labelled} of {summary.shapes} shapes labelled: {summary.planes} planes, "
+        f"{summary.axes} continuous axes"
+    )
 
 
 @app.command()
@@ -44,49 +87,76 @@ def fit(
     prepared: Annotated[Path, typer.Argument(help="A prepared set.")],
     run: Annotated[Path, typer.Option("--run", "-r", help="Folder of the run; an interrupted run is resumed.")],
     recipe: Annotated[str, typer.Option(help="A shipped recipe (default, paper) or a TOML file.")] = "default",
+    mix: Annotated[
+        list[str] | None,
+        typer.Option(help="PREPARED:SHARE: so much of what is drawn comes from another set; may be repeated."),
+    ] = None,
     device: Annotated[str | None, typer.Option(help="cuda, cpu, ...; a GPU if there is one.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="SECTION.FIELD=VALUE instead of the recipe's; may be repeated.")
+    ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads of torch.")] = 1,
+    amp: Annotated[
+        str | None, typer.Option(help="bf16: convolutions in bfloat16, for GPUs; the loss stays in float32.")
+    ] = None,
     max_minutes: Annotated[float | None, typer.Option(help="Stop after this long, to be resumed.")] = None,
     tensorboard: Annotated[bool, typer.Option(help="Write TensorBoard curves beside the CSV.")] = True,
     progress: Verbose = True,
 ) -> None:
-    """Train a network. Needs torch and numpy alone, beside this command line."""
+    """Train a network. Needs torch and numpy alone, beside this command line.
+
+    Several processes, one for each GPU: `torchrun --nproc-per-node 4 -m training fit ...`. The recipe's batch is
+    divided among them, and the result is that of one process.
+    """
     import torch
 
     from training.fit import fit as train
+    from training.mixture import Mixture
+    from training.monitor import CollapseError
     from training.prepared import PreparedSet
     from training.recipe import Recipe
 
     torch.set_num_threads(threads)
+    if amp not in (None, "bf16"):
+        raise typer.BadParameter(f"--amp is bf16 or left out, not {amp!r}")
+    main = os.environ.get("RANK", "0") == "0"
     try:
-        chosen = Recipe.load(recipe)
+        chosen = Recipe.load(recipe).with_settings(settings or [])
         if steps is not None:
             chosen = chosen.replace(optimizer={"steps": steps})
         if seed is not None:
             chosen = chosen.replace(seed=seed)
         data = PreparedSet(prepared)
+        if mix:
+            data = Mixture(data, [_share(entry) for entry in mix])
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
-    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress)
+    bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress and main)
     try:
         best = train(
             chosen,
             data,
             run,
             device=device,
+            precision="float32" if amp is None else "bf16",
             max_seconds=None if max_minutes is None else 60.0 * max_minutes,
             on_progress=on_progress,
             on_derive=on_derive,
-            writer=_tensorboard(run) if tensorboard else None,
+            on_message=lambda message: typer.echo(message, err=True),
+            writer=_tensorboard(run) if tensorboard and main else None,
         )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
+    except (CollapseError, FloatingPointError) as error:
+        typer.echo(f"The run was ended: {error}", err=True)
+        raise typer.Exit(1) from error
     finally:
         if bar is not None:
             bar.close()
-    typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
+    if main:
+        typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
 
 
 @app.command()
@@ -117,19 +187,18 @@ def evaluate(
     damage: Annotated[
         str,
         typer.Option(
-            help="clean; partial: a ball of triangles removed before detection; in full mode also rotated, noisy, "
-            "decimated."
+            help="clean: pose as in the file; in random poses: rotated, noisy, partial (a ball missing), decimated."
         ),
-    ] = "clean",
+    ] = "rotated",
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    reference: Annotated[
-        Path | None, typer.Option(help="Cache of reference planes; found once by a slow search, then reused.")
-    ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")] = None,
     mode: Annotated[str, typer.Option(help="paper: the network and its validation; full: all symmetries.")] = "paper",
     ground_truth: Annotated[
-        Path | None, typer.Option("--groundtruth", help="Full mode: file that `groundtruth` wrote.")
+        Path | None,
+        typer.Option(
+            "--groundtruth", help="File that `groundtruth` wrote; what it lacks is searched for, seconds a shape."
+        ),
     ] = None,
     methods: Annotated[
         str, typer.Option(help="Full mode: what to set side by side, separated by commas.")
@@ -140,12 +209,12 @@ def evaluate(
     ] = 40,
     ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
     by: Annotated[
-        str | None, typer.Option(help="Full mode: tables by source, or by a column of the manifest, such as kind.")
+        str | None, typer.Option(help="Also tables by source, or by a column of the manifest, such as kind.")
     ] = None,
     manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
     progress: Verbose = True,
 ) -> None:
-    """Judge paper mode or full mode beside other methods: exact distances, one table."""
+    """Judge raw networks and paper mode, or full mode, beside other methods: exact distances, one table."""
     if mode not in ("paper", "full"):
         raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
     if mode == "full":
@@ -174,27 +243,25 @@ def evaluate(
             raise typer.BadParameter(str(error)) from error
         typer.echo(text)
         return
-    from training.evaluate import evaluate as run
-    from training.evaluate import render
+    from training.evaluate import Options as NetworkOptions
+    from training.network_command import run as run_networks
 
+    networks = NetworkOptions(tuple(weights or ["default", "paper"]), damage, seed)
     try:
-        report = run(
+        text = run_networks(
             folders,
-            weights or ["default", "paper"],
+            networks,
+            by=by,
+            manifest=manifest,
+            json_file=json_file,
             limit=limit,
-            damage=damage,
-            seed=seed,
+            ground_truth=ground_truth,
             workers=workers,
-            reference=reference,
             progress=progress,
         )
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise typer.BadParameter(str(error)) from error
-    typer.echo(render(report))
-    if json_file is not None:
-        import json
-
-        json_file.write_text(json.dumps(report, indent=1) + "\n")
+    typer.echo(text)
 
 
 @app.command()
@@ -238,6 +305,17 @@ def curve(
 
     draw_curves(runs, out)
     typer.echo(f"wrote {out}")
+
+
+def _share(entry: str) -> Any:
+    """PREPARED:SHARE as a prepared set and a number."""
+    from training.prepared import PreparedSet
+
+    path, _, share = entry.rpartition(":")
+    try:
+        return PreparedSet(path), float(share)
+    except ValueError as error:
+        raise ValueError(f"--mix takes PREPARED:SHARE, not {entry!r} ({error})") from error
 
 
 def _bars(steps: int, shown: bool) -> tuple[Any, Any, Any]:

@@ -1,43 +1,35 @@
-"""Training: one recipe, one prepared set, one device. Needs torch and numpy alone.
+"""Training: one recipe, prepared data, one process or several. Needs torch and numpy alone.
 
 Every random number of a step comes from a generator seeded with (seed, step), so a run that was interrupted
 goes on exactly as if it had not been.
 """
 
-import csv
 import json
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from model.network import PRSNet
-from training.inputs import draw_inputs, voxels_of
-from training.losses import Losses, combine, reflections, rotation_matrices
+from training.distributed import World, join
+from training.monitor import CollapseMonitor, memory_in_use
+from training.objective import Batch, batch_losses, validate
+from training.precision import Precision, keep_heads_exact
 from training.prepared import PreparedSet
+from training.pretraining import PlaneLabels
 from training.recipe import OptimizerRecipe, Recipe
+from training.records import RunLog, Writer, append, save, trim
 from training.revision import git_revision
+from training.sampling import Sampler
 from training.store import ShapeStore
 
 VALIDATION_SHAPES = 512
-_VALIDATION_SEED = 20_190_419
-COLUMNS: tuple[str, ...] = (
-    "step", "loss", "symmetry", "regularization", "best_plane", "learning_rate", "gradient_norm", "turn", "half_turn",
-    "samples_per_second", "validation_loss", "validation_best_plane", "validation_plane", "validation_share",
-)  # fmt: skip
-
-
-class Writer(Protocol):
-    """Where curves go beside the CSV: a TensorBoard SummaryWriter fits."""
-
-    def add_scalar(self, tag: str, scalar_value: float, global_step: int) -> Any:
-        """Record one value."""
+EARLY_STEPS = 20
+"""Speed and memory are said after so many steps, so that a hopeless run need not be waited for."""
 
 
 @dataclass(slots=True)
@@ -51,40 +43,6 @@ class Progress:
     seconds_left: float
 
 
-def batch_losses(
-    network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe, generator: torch.Generator
-) -> tuple[Losses, Tensor, Tensor]:
-    """Draw inputs for ``shapes`` ``(b,)``, run the network, evaluate the loss in the canonical frame.
-
-    The predicted transforms are turned back into the canonical frame and act on the samples there; the transformed
-    points are looked up in the canonical closest-point grid, so no grid is ever recomputed.
-
-    Returns:
-        the losses, the planes ``(b, p, 4)`` and the quaternions ``(b, r, 4)`` in the fed frame.
-    """
-    fed, pose = draw_inputs(store.meshes(shapes), recipe.input, recipe.damage, generator)
-    voxels = voxels_of(fed, recipe.network.resolution).contiguous(memory_format=torch.channels_last_3d)
-    samples = store.draw_samples(shapes, recipe.loss.samples, generator)
-    planes, quaternions = network(voxels)
-    mirrors, shifts = reflections(planes)
-    linear = torch.cat([mirrors, rotation_matrices(quaternions)], dim=1)
-    shift = torch.cat([shifts, quaternions.new_zeros((*quaternions.shape[:2], 3))], dim=1)
-    linear, shift = pose.to_canonical(linear, shift)
-    heads = linear.shape[1]
-    # All heads in one product: the columns are (head, coordinate).
-    columns = linear.permute(0, 3, 1, 2).flatten(2)
-    transformed = torch.baddbmm(shift.flatten(1)[:, None], samples, columns).view(len(shapes), -1, 3)
-    closest = store.closest(shapes, transformed.detach())
-    distances = (transformed - closest).square().sum(-1)
-    if not recipe.loss.squared:
-        distances = (distances + 1e-12).sqrt()
-    if recipe.loss.mask_occupied:
-        distances = distances.masked_fill(store.occupied(transformed.detach(), closest), 0.0)
-    distances = distances.unflatten(1, (recipe.loss.samples, heads))
-    losses = combine(distances, planes, quaternions, recipe.loss.regularization, recipe.loss.best_head)
-    return losses, planes.detach(), quaternions.detach()
-
-
 def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
     """The rate of a step, a function of the step alone."""
     if recipe.schedule == "constant":
@@ -96,181 +54,201 @@ def learning_rate(recipe: OptimizerRecipe, step: int) -> float:
     return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * min(1.0, done)))
 
 
-def draw_shapes(pool: Tensor, recipe: Recipe, step: int) -> Tensor:
-    """The shapes of a step: epochs of shuffled training indices, cut into batches; the last, short one is left out."""
-    batch = min(recipe.optimizer.batch, len(pool))
-    per_epoch = len(pool) // batch
-    epoch, within = divmod(step, per_epoch)
-    order = np.random.default_rng([recipe.seed, epoch]).permutation(len(pool))
-    return pool[torch.from_numpy(order[within * batch : (within + 1) * batch]).to(pool.device)]
-
-
-@torch.no_grad()
-def validate(network: PRSNet, store: ShapeStore, shapes: Tensor, recipe: Recipe) -> dict[str, float]:
-    """Losses on held-out shapes, always the same inputs; errors come from the training grid and are biased up."""
-    network.eval()
-    generator = torch.Generator(store.device).manual_seed(_VALIDATION_SEED)
-    totals, planes = [], []
-    for chunk in shapes.split(64):
-        losses, _, _ = batch_losses(network, store, chunk, recipe, generator)
-        totals.append(float(losses.total) * len(chunk))
-        planes.append(losses.plane_errors)
-    network.train()
-    errors = torch.cat(planes)
-    best = errors.amin(1)
-    return {
-        "validation_loss": sum(totals) / len(shapes),
-        "validation_best_plane": float(best.mean()),
-        "validation_plane": float(errors.mean()),
-        "validation_share": float((best <= 4e-4).float().mean()),
-    }
-
-
 def fit(
     recipe: Recipe,
     prepared: PreparedSet,
     run: str | Path,
     *,
     device: str | None = None,
+    precision: Precision = "float32",
     log_every: int = 100,
     validate_every: int = 1000,
     max_seconds: float | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_derive: Callable[[int, int], None] | None = None,
+    on_message: Callable[[str], None] | None = None,
     writer: Writer | None = None,
 ) -> Path:
-    """Train, or go on where ``run`` stopped.
+    """Train, or go on where ``run`` stopped; among several processes where `torchrun` started them.
 
     Args:
-        recipe: what to train and how; a resumed run must be given the same one.
+        recipe: what to train and how; a resumed run must be given the same one. Its batch is that of all processes.
         prepared: the data.
-        run: folder of the run: `run.json` (recipe and data), `revision`, `curve.csv`, `last.pt`, `best.pt` (lowest
-            validation loss).
+        run: folder of the run: `run.json` (recipe and data), `revision`, `log.txt`, `curve.csv`, `last.pt`, `best.pt`
+            (lowest validation loss). The main process alone writes.
         device: ``cuda``, ``cpu``, ...; by default a GPU where there is one.
+        precision: ``bf16`` runs the convolutions in bfloat16; the loss stays in float32.
         log_every: steps between lines of the curve.
         validate_every: steps between validations; also how often `last.pt` is written.
         max_seconds: stop (with a checkpoint to resume from) after this long.
         on_progress: called after every logged step.
         on_derive: called with done and total while closest-point grids are derived.
+        on_message: called with every line of `log.txt`.
         writer: further curves.
 
     Returns:
         the path of the best checkpoint.
 
     Raises:
-        ValueError: ``run`` holds a run of another recipe or other data, or there is nothing to train on.
+        ValueError: ``run`` holds a run of another recipe or other data, there is nothing to train on, there are no
+            labels where the recipe asks for them, or the batch cannot be divided among the processes.
+        CollapseError: the predictions have not followed the input for a large part of the run.
+        FloatingPointError: the loss or the gradient is not finite.
     """
-    run = Path(run)
-    run.mkdir(parents=True, exist_ok=True)
-    torch_device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-    data = {"manifest_sha256": prepared.sha256, "shapes": len(prepared), "skipped": prepared.manifest["skipped"]}
-    identity = json.dumps({"recipe": recipe.to_dict(), "data": data}, indent=1, sort_keys=True)
-    stamp = run / "run.json"
-    if stamp.is_file() and stamp.read_text() != identity:
-        raise ValueError(f"{run} holds a run of another recipe or other data; choose another folder")
-    if not stamp.is_file():
-        stamp.write_text(identity)
-        (run / "revision").write_text(git_revision())
-    train_index, validation_index = prepared.split(recipe.validation_share)
-    if len(train_index) == 0:
-        raise ValueError("the prepared set holds no shape to train on")
-    store = ShapeStore(prepared, torch_device, recipe.loss.grid, on_derive)
-    pool = torch.from_numpy(train_index).to(torch_device)
-    held_out = torch.from_numpy(validation_index if len(validation_index) else train_index).to(torch_device)
-    held_out = held_out[:VALIDATION_SHAPES]
-
-    torch.manual_seed(recipe.seed)
-    network = PRSNet(recipe.network).to(torch_device)
-    network.to(memory_format=torch.channels_last_3d)  # pyright: ignore[reportCallIssue] - not in the stubs
-    optimizer = torch.optim.Adam(network.parameters(), lr=recipe.optimizer.learning_rate)
-    step, best = 0, math.inf
-    if (run / "last.pt").is_file():
-        state = torch.load(run / "last.pt", map_location=torch_device, weights_only=True)
-        network.load_state_dict(state["network"])
-        optimizer.load_state_dict(state["optimizer"])
-        step, best = int(state["step"]), float(state["best"])
-        _trim_curve(run / "curve.csv", step)
-    network.train()
-    started = mark = time.monotonic()
-    marked_step = step
-    generator = torch.Generator(torch_device)
-    steps = recipe.optimizer.steps
-    while step < steps:
-        rate = learning_rate(recipe.optimizer, step)
-        for group in optimizer.param_groups:
-            group["lr"] = rate
-        generator.manual_seed(recipe.seed * 1_000_003 + step)
-        losses, planes, quaternions = batch_losses(network, store, draw_shapes(pool, recipe, step), recipe, generator)
-        optimizer.zero_grad(set_to_none=True)
-        losses.total.backward()
-        limit = recipe.optimizer.clip_norm or math.inf
-        norm = torch.nn.utils.clip_grad_norm_(network.parameters(), limit)
-        optimizer.step()
-        step += 1
-        stopping = max_seconds is not None and time.monotonic() - started > max_seconds
-        validating = step % validate_every == 0 or step == steps or stopping
-        if step % log_every == 0 or validating:
-            now = time.monotonic()
-            speed = (step - marked_step) * recipe.optimizer.batch / max(now - mark, 1e-9)
-            mark, marked_step = now, step
-            row: dict[str, float] = {
-                "step": step,
-                "loss": float(losses.total.detach()),
-                "symmetry": float(losses.symmetry),
-                "regularization": float(losses.regularization),
-                "best_plane": float(losses.plane_errors.amin(1).mean()),
-                "learning_rate": rate,
-                "gradient_norm": float(norm),
-                # Collapse monitors: how much the normals vary over the batch, and the mean sine of half the angle.
-                "turn": float(planes[..., :3].std(0).mean()),
-                "half_turn": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
-                "samples_per_second": speed,
-            }
-            if not math.isfinite(row["loss"]):
-                raise FloatingPointError(f"the loss is not finite at step {step}; lower the learning rate")
-            if validating:
-                row |= validate(network, store, held_out, recipe)
-                state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "step": step}
-                if row["validation_loss"] < best:
-                    best = row["validation_loss"]
-                    _save(run / "best.pt", {"network": network.state_dict(), "step": step, "metrics": row})
-                _save(run / "last.pt", {**state, "best": best, "metrics": row})
-            _log(run / "curve.csv", row, writer)
-            if on_progress is not None:
-                left = (steps - step) * recipe.optimizer.batch / max(speed, 1e-9)
-                on_progress(Progress(step, steps, row["loss"], speed, left))
-        if stopping:
-            break
-    return run / "best.pt"
+    world = join(device)
+    try:
+        trainer = _Trainer(recipe, prepared, Path(run), world, precision, on_derive, on_message)
+        return trainer.train(log_every, validate_every, max_seconds, on_progress, writer)
+    finally:
+        world.close()
 
 
-def _save(path: Path, state: dict[str, Any]) -> None:
-    """Write aside and rename, so that an interruption never leaves half a checkpoint."""
-    aside = path.with_suffix(".tmp")
-    torch.save(state, aside)
-    aside.replace(path)
+class _Trainer:
+    """A run in the memory of one process."""
 
+    def __init__(
+        self,
+        recipe: Recipe,
+        prepared: PreparedSet,
+        run: Path,
+        world: World,
+        precision: Precision,
+        on_derive: Callable[[int, int], None] | None,
+        on_message: Callable[[str], None] | None,
+    ) -> None:
+        self.recipe, self.run, self.world = recipe, run, world
+        self.precision: Precision = precision
+        self.labels = (
+            PlaneLabels(prepared, world.device, recipe.supervision.max_error) if recipe.supervision.weight > 0 else None
+        )
+        train_index, validation_index = prepared.split(recipe.validation_share)
+        self.sampler = Sampler(prepared, train_index, recipe)
+        world.part(self.sampler.batch)
+        self._claim(prepared)
+        self.log = RunLog(run / "log.txt", on_message) if world.main else None
+        self.store = world.in_turn(lambda: ShapeStore(prepared, world.device, recipe.loss.grid, on_derive))
+        held_out = torch.from_numpy(validation_index if len(validation_index) else train_index)
+        self.held_out = held_out[:VALIDATION_SHAPES].to(world.device)
 
-def _log(path: Path, row: dict[str, float], writer: Writer | None) -> None:
-    fresh = not path.is_file()
-    with path.open("a", newline="") as lines:
-        out = csv.DictWriter(lines, COLUMNS, restval="")
-        if fresh:
-            out.writeheader()
-        out.writerow({key: f"{value:.6g}" for key, value in row.items()})
-    if writer is not None:
-        for key, value in row.items():
-            if key != "step":
-                writer.add_scalar(key, value, int(row["step"]))
+        torch.manual_seed(recipe.seed)
+        self.network = PRSNet(recipe.network).to(world.device)
+        self.network.to(memory_format=torch.channels_last_3d)  # pyright: ignore[reportCallIssue] - not in the stubs
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=recipe.optimizer.learning_rate)
+        self.step, self.best = 0, math.inf
+        if (run / "last.pt").is_file():
+            state = torch.load(run / "last.pt", map_location=world.device, weights_only=True)
+            self.network.load_state_dict(state["network"])
+            self.optimizer.load_state_dict(state["optimizer"])
+            self.step, self.best = int(state["step"]), float(state["best"])
+            if world.main:
+                trim(run / "curve.csv", self.step)
+        if precision != "float32":
+            keep_heads_exact(self.network)
+        self.wrapped = world.wrapped(self.network)
+        start = f"resumed at step {self.step}" if self.step else "began"
+        self._say(
+            f"{start}: {recipe.name}, {len(train_index)} shapes to train on, {len(self.held_out)} to validate with, "
+            f"{world.size} process(es), {world.device.type}, {precision}, torch {torch.__version__}"
+        )
 
+    def _claim(self, prepared: PreparedSet) -> None:
+        """Make the folder that of this recipe and these data, or find that it is."""
+        if not self.world.main:
+            return
+        data = prepared.record() | ({"labels": prepared.labels} if self.labels is not None else {})
+        identity = json.dumps({"recipe": self.recipe.to_dict(), "data": data}, indent=1, sort_keys=True)
+        self.run.mkdir(parents=True, exist_ok=True)
+        stamp = self.run / "run.json"
+        if stamp.is_file() and stamp.read_text() != identity:
+            raise ValueError(f"{self.run} holds a run of another recipe or other data; choose another folder")
+        if not stamp.is_file():
+            stamp.write_text(identity)
+            (self.run / "revision").write_text(git_revision())
 
-def _trim_curve(path: Path, step: int) -> None:
-    """Drop lines a killed run wrote after its last checkpoint: they will be written again."""
-    if not path.is_file():
-        return
-    with path.open(newline="") as lines:
-        rows = [row for row in csv.DictReader(lines) if int(row["step"]) <= step]
-    with path.open("w", newline="") as lines:
-        out = csv.DictWriter(lines, COLUMNS, restval="")
-        out.writeheader()
-        out.writerows(rows)
+    def train(
+        self,
+        log_every: int,
+        validate_every: int,
+        max_seconds: float | None,
+        on_progress: Callable[[Progress], None] | None,
+        writer: Writer | None,
+    ) -> Path:
+        """The loop; see `fit`."""
+        recipe, world = self.recipe, self.world
+        monitor = CollapseMonitor(recipe.optimizer.steps, recipe.network.rotations > 0)
+        self.network.train()
+        generator = torch.Generator(world.device)
+        started = mark = time.monotonic()
+        marked_step = first_step = self.step
+        steps = recipe.optimizer.steps
+        while self.step < steps:
+            rate = learning_rate(recipe.optimizer, self.step)
+            for group in self.optimizer.param_groups:
+                group["lr"] = rate
+            generator.manual_seed(recipe.seed * 1_000_003 + self.step)
+            shapes = self.sampler.draw(self.step).to(world.device)
+            batch = batch_losses(
+                self.wrapped, self.store, shapes, recipe, generator, self.labels, world, self.precision
+            )
+            total = batch.losses.total + recipe.supervision.weight_at(self.step) * batch.supervision
+            self.optimizer.zero_grad(set_to_none=True)
+            total.backward()
+            limit = recipe.optimizer.clip_norm or math.inf
+            norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), limit)
+            self.optimizer.step()
+            self.step += 1
+            if self.step == first_step + EARLY_STEPS:
+                speed = EARLY_STEPS * self.sampler.batch / (time.monotonic() - started)
+                self._say(f"after {EARLY_STEPS} steps: {speed:.0f} samples/s, {memory_in_use(world.device)}")
+            stopping = max_seconds is not None and world.agreed(time.monotonic() - started > max_seconds)
+            validating = self.step % validate_every == 0 or self.step == steps or stopping
+            if self.step % log_every == 0 or validating:
+                now = time.monotonic()
+                speed = (self.step - marked_step) * self.sampler.batch / max(now - mark, 1e-9)
+                mark, marked_step = now, self.step
+                row = self._row(batch, total, float(norm), rate, speed)
+                warning = monitor.check(row)
+                if world.main:
+                    if warning is not None:
+                        self._say(f"warning: {warning}")
+                    if validating:
+                        self._keep(row)
+                    append(self.run / "curve.csv", row, writer)
+                    if on_progress is not None:
+                        left = (steps - self.step) * self.sampler.batch / max(speed, 1e-9)
+                        on_progress(Progress(self.step, steps, row["loss"], speed, left))
+            if stopping:
+                break
+        self._say(f"ended at step {self.step} after {(time.monotonic() - started) / 60:.1f} minutes")
+        return self.run / "best.pt"
+
+    def _row(self, batch: Batch, total: Tensor, norm: float, rate: float, speed: float) -> dict[str, float]:
+        """A line of the curve, over the parts of all processes."""
+        losses, world = batch.losses, self.world
+        best = losses.plane_errors.amin(1).mean()
+        means = world.mean(torch.stack([total, losses.symmetry, losses.regularization, best, batch.supervision]))
+        planes, quaternions = world.joined(batch.planes), world.joined(batch.quaternions)
+        row: dict[str, float] = {
+            "step": self.step,
+            **dict(zip(("loss", "symmetry", "regularization", "best_plane"), means.tolist(), strict=False)),
+            "learning_rate": rate,
+            "gradient_norm": norm,
+            # Collapse monitors: how much the normals vary over the batch, and the mean sine of half the angle.
+            "turn": float(planes[..., :3].std(0).mean()),
+            "half_turn": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
+            "samples_per_second": speed,
+        }
+        return row if self.labels is None else {**row, "supervision": float(means[4])}
+
+    def _keep(self, row: dict[str, float]) -> None:
+        """Validate, and write checkpoints; what was measured is added to ``row``."""
+        row |= validate(self.network, self.store, self.held_out, self.recipe, self.labels)
+        state = {"network": self.network.state_dict(), "optimizer": self.optimizer.state_dict(), "step": self.step}
+        if row["validation_loss"] < self.best:
+            self.best = row["validation_loss"]
+            save(self.run / "best.pt", {"network": state["network"], "step": self.step, "metrics": row})
+        save(self.run / "last.pt", {**state, "best": self.best, "metrics": row})
+
+    def _say(self, message: str) -> None:
+        if self.log is not None:
+            self.log.say(message)

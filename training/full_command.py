@@ -1,17 +1,14 @@
 """What `training evaluate --mode full` does from its arguments to the text it prints."""
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 from training.full_evaluation import Options, evaluate
 from training.full_methods import ablation
 from training.full_report import render, render_by, summarise
-
-SOURCE = "source"
+from training.grouping import groups_of, read_column
 
 
 def run(
@@ -48,7 +45,7 @@ def run(
     """
     if with_ablation:
         options = replace(options, methods=tuple(dict.fromkeys((*options.methods, *ablation()))))
-    column = _column(manifest, by) if by is not None and by != SOURCE else {}
+    column = read_column(manifest, by)
     part = None if json_file is None else json_file.with_name(json_file.name + ".part")
     records = evaluate(
         folders,
@@ -68,20 +65,6 @@ def run(
     if with_ablation:
         texts.append(f"## Sources of proposals\n\n{render(report, options.damage, ablation=True)}")
     if by is not None:
-        groups = {record["name"]: _group(record, by, column) for record in records}
+        groups = groups_of(records, by, column)
         texts.append(f"## By {by}\n\n{render_by(records, groups, options.damage, options.max_error)}")
     return "\n\n".join(texts)
-
-
-def _column(manifest: Path | None, name: str) -> dict[str, str]:
-    if manifest is None:
-        raise ValueError(f"tables by {name} need --manifest, a CSV file with the columns path and {name}")
-    with manifest.open(newline="", encoding="utf-8") as lines:
-        rows = list(csv.DictReader(lines))
-    if not rows or "path" not in rows[0] or name not in rows[0]:
-        raise ValueError(f"{manifest} lacks the column path or {name}")
-    return {row["path"]: row[name] for row in rows}
-
-
-def _group(record: dict[str, Any], by: str, column: dict[str, str]) -> str:
-    return str(record["source"]) if by == SOURCE else column.get(record["name"], "(not in the manifest)")

@@ -15,7 +15,6 @@ import numpy as np
 from tqdm import tqdm
 
 from model.errors import PRSNetError
-from model.formats import read_mesh
 from model.frames import UnitFrame
 from model.mesh import Mesh
 from model.sampling import sample_surface
@@ -27,9 +26,9 @@ from training.damage import DAMAGES, show
 from training.full_methods import Answer, answer, check
 from training.groundtruth import find_symmetries
 from training.known_truth import plane_to_unit, written_truth
+from training.layouts import SourceFile, find_meshes, parse
 from training.matching import Found, FoundAxis, clear, match
 from training.parallel import spread
-from training.prepare import SourceFile, find_meshes
 from training.truth import Truth, load
 
 DEFAULT_METHODS = ("full", "paper", "pca", "random", "exhaustive")
@@ -74,7 +73,7 @@ def evaluate(
     """Judge the methods on the meshes below ``folders``.
 
     Args:
-        folders: searched by `training.prepare.find_meshes`. A ``ground_truth.json`` that `training shapes` wrote beside
+        folders: searched by `training.layouts.find_meshes`. A ``ground_truth.json`` that `training shapes` wrote beside
             the meshes is used.
         options: what to do.
         limit: judge so many shapes, drawn at random.
@@ -145,7 +144,7 @@ def _resumed(file: Path | None, options: Options) -> dict[str, dict[str, Any]]:
 def _judge_file(job: _Job) -> dict[str, Any]:
     head = {"name": job.source.name, "source": job.source.category or job.source.source}
     try:
-        mesh = read_mesh(job.source.path.read_bytes(), job.source.path.name)
+        mesh = parse(job.source.path.read_bytes(), job.source.path.name)
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
     except (PRSNetError, OSError) as error:
         return head | {"skipped": str(error)}

@@ -12,13 +12,12 @@ import numpy as np
 from tqdm import tqdm
 
 from model.errors import PRSNetError
-from model.formats import read_mesh
 from model.frames import UnitFrame
 from model.transforms import canonical_sign
 from model.types import FloatArray, IntArray
 from training.exhaustive import Search, Settings
+from training.layouts import SourceFile, find_meshes, parse
 from training.parallel import spread
-from training.prepare import SourceFile, find_meshes
 from training.truth import Truth, TruthAxis, load, save
 
 __all__ = ["Summary", "Truth", "TruthAxis", "find_symmetries", "groundtruth", "load", "save"]
@@ -119,7 +118,7 @@ def _search(job: tuple[SourceFile, Settings]) -> dict[str, Any]:
     try:
         content = source.path.read_bytes()
         record["sha256"] = hashlib.sha256(content).hexdigest()
-        mesh = read_mesh(content, source.path.name)
+        mesh = parse(content, source.path.name)
         record["entry"] = find_symmetries(mesh.vertices, mesh.faces, settings).to_entry()
     except (PRSNetError, OSError) as error:
         record["skipped"] = str(error)

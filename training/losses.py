@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+PAPER_SAMPLES = 1000
+"""The loss is a sum over this many samples (section 6.1); with fewer it is scaled up to it, so that weights keep."""
+
 
 def reflections(planes: Tensor) -> tuple[Tensor, Tensor]:
     """Reflections in planes (Eq. 1) as affine maps ``x -> linear x + shift``.
@@ -62,12 +65,13 @@ def combine(distances: Tensor, planes: Tensor, quaternions: Tensor, weight: floa
         weight: w_r.
         best_head: weight of three times the smallest plane error; 0 in the paper.
     """
-    sums = distances.sum(1)
-    count, samples = planes.shape[1], distances.shape[1]
+    means = distances.mean(1)
+    sums = PAPER_SAMPLES * means
+    count = planes.shape[1]
     symmetry = sums.sum(1).mean()
     penalty = regularization(planes, quaternions).mean()
     total = symmetry + weight * penalty
     if best_head > 0:
         total = total + best_head * 3.0 * sums[:, :count].amin(1).mean()
-    errors = sums.detach() / samples
+    errors = means.detach()
     return Losses(total, symmetry.detach(), penalty.detach(), errors[:, :count], errors[:, count:])

@@ -210,3 +210,71 @@ def _reaches(point: FloatArray, plane: FloatArray) -> bool:
 def _degrees(first: FloatArray, second: FloatArray) -> float:
     """Angle between two lines; exact to rounding for small ones, as an arc cosine is not."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second))))
+
+
+def nearest_clear_plane(truth: Truth, plane: FloatArray) -> FloatArray | None:
+    """The clear plane closest to ``plane`` in the measure of `ground_truth_error`, sign aligned with it: ``(4,)``.
+
+    Where a continuous axis stands for all planes through it (and a sphere's centre for all through that), the closest
+    member of the family counts: which of them the truth lists is chance. None where the truth has no clear plane.
+    """
+    endless = [FoundAxis(axis.direction, axis.point, None) for axis in truth.clear_axes() if axis.order is None]
+    listed = truth.clear_planes()
+    centre = _sphere(endless)
+    members = [*listed]
+    # A lone continuous axis has planes through it only if the truth lists any: a mirror-less helix has none.
+    if truth.plane_continuous[truth.plane_errors < CLEAR_ERROR].any():
+        if centre is not None:
+            members.append(np.append(plane[:3], -plane[:3] @ centre))
+        for axis in endless:
+            across = plane[:3] - (plane[:3] @ axis.direction) * axis.direction
+            length = float(np.linalg.norm(across))
+            if length > 1e-6:
+                members.append(np.append(across / length, -across @ axis.point / length))
+    if not members:
+        return None
+    aligned = [member if member[:3] @ plane[:3] >= 0 else -member for member in members]
+    return min(aligned, key=lambda member: float(np.square(member - plane).sum()))
+
+
+def ground_truth_error(truth: Truth, plane: FloatArray) -> float | None:
+    """GTE (design: definitions) of a plane (n, d) against the clear planes of the truth; None where there are none."""
+    nearest = nearest_clear_plane(truth, plane)
+    return None if nearest is None else float(np.square(nearest - plane).sum())
+
+
+def clear_planes_found(truth: Truth, planes: FloatArray, angle: float, distance: float) -> int:
+    """How many of the clear planes some row of ``planes`` ``(k, 4)`` meets within ``angle`` degrees and ``distance``.
+
+    Two planes of a continuous family are listed; the k-th of them is found when k rows belong to the family.
+    """
+    kept = truth.plane_errors < CLEAR_ERROR
+    family = truth.plane_continuous[kept]
+    listed = truth.planes[kept]
+
+    def meets(plane: FloatArray, other: FloatArray) -> bool:
+        sign = 1.0 if plane[:3] @ other[:3] >= 0 else -1.0
+        return abs(plane[3] - sign * other[3]) <= distance and _degrees(plane[:3], other[:3]) <= angle
+
+    found = sum(any(meets(plane, other) for other in planes) for plane in listed[~family])
+    if family.any():
+        lone = replace(
+            truth, planes=listed[family], plane_errors=np.zeros(int(family.sum())), plane_continuous=family[family]
+        )
+        nearest = [nearest_clear_plane(lone, plane) for plane in planes]
+        members = sum(meets(plane, other) for plane, other in zip(planes, nearest, strict=True) if other is not None)
+        found += min(int(family.sum()), members)
+    return int(found)
+
+
+def clear_axes_found(truth: Truth, directions: FloatArray, angle: float, distance: float) -> int:
+    """How many of the clear axes some line through the origin along ``directions`` ``(k, 3)`` meets."""
+    origin = np.zeros(3)
+    return sum(
+        any(
+            _degrees(axis.direction, direction) <= angle
+            and _line_distance(origin, FoundAxis(axis.direction, axis.point, None)) <= distance
+            for direction in directions
+        )
+        for axis in truth.clear_axes()
+    )

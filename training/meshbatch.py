@@ -4,13 +4,15 @@ Everything here is plain torch, so that `training fit` needs no mesh library and
 "ragged": the triangles of all shapes of a batch stand one after the other, and ``shape`` says whose each one is.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 
-@dataclass(slots=True)
+@dataclass
 class MeshBatch:
     """Triangles of ``size`` shapes.
 
@@ -23,18 +25,54 @@ class MeshBatch:
 
     def moved(self, rotation: Tensor, center: Tensor, scale: Tensor) -> "MeshBatch":
         """``rotation (x - center) / scale`` for every shape; ``(b, 3, 3)``, ``(b, 3)``, ``(b,)``."""
-        centred = (self.corners - center[self.shape, None]) / scale[self.shape, None, None]
-        return MeshBatch(torch.bmm(centred, rotation[self.shape].mT), self.shape, self.size)
+        linear = rotation.mT / scale[:, None, None]
+        shift = -(center[:, None] @ linear)
+        parts = [torch.addmm(s, c, m) for c, m, s in zip(self._by_shape(self.corners), linear, shift, strict=True)]
+        return MeshBatch(torch.cat(parts).view(-1, 3, 3), self.shape, self.size)
 
     def without(self, dropped: Tensor) -> "MeshBatch":
         """The same shapes without the triangles marked in ``dropped`` ``(t,)`` bool."""
         kept = ~dropped
         return MeshBatch(self.corners[kept], self.shape[kept], self.size)
 
+    def part(self, which: slice) -> "MeshBatch":
+        """Some neighbouring shapes of the batch."""
+        first, last, _ = which.indices(self.size)
+        inside = (self.shape >= first) & (self.shape < last)
+        return MeshBatch(self.corners[inside], self.shape[inside] - first, last - first)
+
+    @cached_property
     def areas(self) -> Tensor:
         """Triangle areas, ``(t,)``."""
         edges = self.corners[:, 1:] - self.corners[:, :1]
         return 0.5 * torch.linalg.cross(edges[:, 0], edges[:, 1]).norm(dim=-1)
+
+    @cached_property
+    def middles(self) -> Tensor:
+        """Triangle centroids, ``(t, 3)``."""
+        return (self.corners[:, 0] + self.corners[:, 1] + self.corners[:, 2]) / 3.0
+
+    @cached_property
+    def counts(self) -> Tensor:
+        """Triangles of each shape, ``(b,)`` int64."""
+        return torch.bincount(self.shape, minlength=self.size)
+
+    def _by_shape(self, values: Tensor) -> Iterator[Tensor]:
+        """Rows ``(n, 3)`` of ``values`` ``(t, ..., 3)``, shape by shape: a matrix product a shape is fast on a CPU."""
+        rows = values.numel() // (3 * max(1, len(values)))
+        return iter(values.reshape(-1, 3).split([rows * count for count in self.counts.tolist()]))
+
+    def second_moments(self, center: Tensor) -> Tensor:
+        """Integral of ``x x^T`` over the surface, x from ``center`` ``(b, 3)``: ``(b, 3, 3)``, exact."""
+        # Over a triangle it is area / 12 (sum of v v^T over its corners + 9 m m^T).
+        weights = self.areas.split(self.counts.tolist())
+        triangles = zip(self._by_shape(self.corners), self._by_shape(self.middles), weights, center, strict=True)
+        parts: list[Tensor] = []
+        for corners, middles, areas, origin in triangles:
+            corners, middles = corners - origin, middles - origin
+            of_corners = (corners * areas.repeat_interleave(3)[:, None]).mT @ corners
+            parts.append((of_corners + 9.0 * (middles * areas[:, None]).mT @ middles) / 12.0)
+        return torch.stack(parts)
 
     def per_shape(self, values: Tensor) -> Tensor:
         """Sum ``(t, ...)`` values over the triangles of each shape: ``(b, ...)``."""
@@ -65,9 +103,8 @@ def unit_frames(batch: MeshBatch) -> tuple[Tensor, Tensor]:
     The scale is twice the largest distance of a surface point from the centroid; on a triangle mesh that point is
     a corner.
     """
-    areas = batch.areas()
-    total = batch.per_shape(areas).clamp_min(1e-20)
-    center = batch.per_shape(areas[:, None] * batch.corners.mean(1)) / total[:, None]
+    total = batch.per_shape(batch.areas).clamp_min(1e-20)
+    center = batch.per_shape(batch.areas[:, None] * batch.middles) / total[:, None]
     radius = (batch.corners - center[batch.shape, None]).norm(dim=-1).amax(1)
     largest = radius.new_zeros(batch.size).scatter_reduce_(0, batch.shape, radius, "amax")
     return center, 2.0 * largest.clamp_min(1e-12)
@@ -75,18 +112,12 @@ def unit_frames(batch: MeshBatch) -> tuple[Tensor, Tensor]:
 
 def covariances(batch: MeshBatch, center: Tensor) -> Tensor:
     """Covariance of the surface about ``center`` ``(b, 3)``, exact triangle integrals: ``(b, 3, 3)``."""
-    areas = batch.areas()
-    corners = batch.corners - center[batch.shape, None]
-    middle = corners.mean(1)
-    # The integral of x x^T over a triangle is area / 12 (sum of v v^T over its corners + 9 m m^T).
-    moments = torch.einsum("tki,tkj->tij", corners, corners) + 9.0 * middle[:, :, None] * middle[:, None, :]
-    total = batch.per_shape(areas).clamp_min(1e-20)
-    return batch.per_shape(areas[:, None, None] / 12.0 * moments) / total[:, None, None]
+    return batch.second_moments(center) / batch.per_shape(batch.areas).clamp_min(1e-20)[:, None, None]
 
 
 def sample_surfaces(batch: MeshBatch, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     """Area-weighted uniform samples: points ``(b, count, 3)`` and the triangle each lies on ``(b, count)``."""
-    areas = batch.areas().double()
+    areas = batch.areas.double()
     share = areas / batch.per_shape(areas)[batch.shape].clamp_min(1e-30)
     # One cumulative sum over the whole batch: shape i occupies the interval [i, i + 1].
     cumulative = share.cumsum(0)

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,17 +13,16 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from model.errors import PRSNetError
-from model.formats import SUPPORTED_FORMATS, read_mesh
 from model.frames import UnitFrame
 from model.mesh import Mesh
 from model.sampling import sample_surface
 from model.surface import SurfaceIndex
 from model.voxels import voxelize
+from training.layouts import SourceFile, find_meshes, parse
 from training.parallel import spread
 from training.prepared import FORMAT_VERSION, dequantise, quantise
 
 SHARD_SHAPES = 256
-_SHAPENET_FILE = ("models", "model_normalized")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,16 +35,6 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class SourceFile:
-    """One mesh file: where it is, and what shapes.csv will call it."""
-
-    path: Path
-    name: str
-    source: str
-    category: str
-
-
-@dataclass(frozen=True, slots=True)
 class Summary:
     """What a preparation did."""
 
@@ -55,47 +43,36 @@ class Summary:
     sha256: str
 
 
-def find_meshes(folders: Sequence[Path]) -> list[SourceFile]:
-    """All mesh files below ``folders``, sorted by name.
-
-    The published layout of ShapeNetCore.v2, ``SYNSET/MODEL/models/model_normalized.obj``, gives one shape a model with
-    the synset as its category; in plain folders the first folder below the root is the category.
-
-    Raises:
-        ValueError: a folder does not exist, or there is no mesh below any of them.
-    """
-    found: list[SourceFile] = []
-    for root in folders:
-        if not root.is_dir():
-            raise ValueError(f"{root} is not a folder")
-        shapenet = any(root.glob("*/*/models/model_normalized.obj"))
-        for folder, _, files in os.walk(root):
-            for file in files:
-                path = Path(folder) / file
-                if path.suffix.lower().lstrip(".") not in SUPPORTED_FORMATS:
-                    continue
-                parts = path.relative_to(root).parts
-                if shapenet:
-                    if parts[-2:-1] != _SHAPENET_FILE[:1] or path.stem != _SHAPENET_FILE[1] or len(parts) < 4:
-                        continue
-                    found.append(SourceFile(path, "/".join(parts[-4:-2]), "ShapeNetCore.v2", parts[-4]))
-                else:
-                    category = parts[0] if len(parts) > 1 else ""
-                    found.append(SourceFile(path, "/".join((root.name, *parts)), root.name, category))
-    if not found:
-        raise ValueError("there is no mesh file below the folders given")
-    return sorted(found, key=lambda source: source.name)
-
-
-def prepare(folders: Sequence[Path], out: Path, options: Options, workers: int = 1, progress: bool = True) -> Summary:
+def prepare(
+    folders: Sequence[Path],
+    out: Path,
+    options: Options,
+    workers: int = 1,
+    progress: bool = True,
+    *,
+    split: str | None = None,
+    manifest: Path | None = None,
+) -> Summary:
     """Prepare every mesh below ``folders`` into ``out``; shards that are complete are kept from an earlier run.
+
+    Args:
+        folders: in the layouts of `training.layouts`.
+        out: folder of the prepared set.
+        options: what goes into it.
+        workers: processes.
+        progress: whether a bar is shown.
+        split: take only this part of the data, see `training.layouts.find_meshes`.
+        manifest: sources, categories and licences, see there.
 
     Raises:
         ValueError: nothing to prepare, or ``out`` was begun with other files or options.
     """
-    sources = find_meshes(folders)
+    sources = find_meshes(folders, split=split, manifest=manifest)
     out.mkdir(parents=True, exist_ok=True)
-    plan = json.dumps({"options": asdict(options), "files": [source.name for source in sources]})
+    # What a manifest adds is part of the plan; sets begun without one go on as they were.
+    known = [[source.licence, source.split] for source in sources]
+    added = {"known": known} if any(any(pair) for pair in known) else {}
+    plan = json.dumps({"options": asdict(options), "files": [source.name for source in sources], **added})
     stamp = hashlib.sha256(plan.encode()).hexdigest()
     begun = out / "plan.sha256"
     if begun.is_file() and begun.read_text() != stamp:
@@ -126,7 +103,7 @@ def _prepare_shard(job: tuple[list[SourceFile], Path, Options]) -> dict[str, Any
     starts = [(0, 0)]
     for source in sources:
         try:
-            arrays = prepare_shape(read_mesh(source.path.read_bytes(), source.path.name), options)
+            arrays = prepare_shape(parse(source.path.read_bytes(), source.path.name), options)
         except (PRSNetError, OSError) as error:
             skipped.append({"name": source.name, "reason": str(error)})
             continue
@@ -134,9 +111,11 @@ def _prepare_shard(job: tuple[list[SourceFile], Path, Options]) -> dict[str, Any
             columns[key].append(array)
         sizes = len(arrays["vertices"]), len(arrays["faces"])
         starts.append((starts[-1][0] + sizes[0], starts[-1][1] + sizes[1]))
+        # Known or not: what a set without licences hashes to must not change.
+        extra = {key: value for key in ("licence", "split") if (value := getattr(source, key))}
         shapes.append(
             {"name": source.name, "source": source.source, "category": source.category,
-             "vertices": sizes[0], "faces": sizes[1]}
+             "vertices": sizes[0], "faces": sizes[1], **extra}
         )  # fmt: skip
     digest = hashlib.sha256(json.dumps(shapes).encode())
     written = {"starts": np.array(starts, dtype=np.int64)}
@@ -180,7 +159,7 @@ def _finish(out: Path, results: list[dict[str, Any]], options: Options) -> Summa
     kept = [result for result in results if result["shapes"]]
     shapes = [shape for result in kept for shape in result["shapes"]]
     skipped = [entry for result in results for entry in result["skipped"]]
-    _write_csv(out / "shapes.csv", shapes, ["name", "source", "category", "vertices", "faces"])
+    _write_csv(out / "shapes.csv", shapes, ["name", "source", "category", "vertices", "faces", "licence", "split"])
     _write_csv(out / "skipped.csv", skipped, ["name", "reason"])
     digest = hashlib.sha256("".join(result["sha256"] for result in kept).encode()).hexdigest()
     manifest = {

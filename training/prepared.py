@@ -2,7 +2,8 @@
 
     PREPARED/
       manifest.json          version, resolution, samples, counts, and a sha256 over all shards
-      shapes.csv             one line a shape: name, source, category, vertices, faces, in shard order
+      shapes.csv             one line a shape: name, source, category, vertices, faces, licence and split
+                             where they are known, in shard order
       skipped.csv            what could not be read, and why
       shard-00000/
         vertices.npy         (V, 3) uint16, unit frame, all shapes one after the other
@@ -12,12 +13,13 @@
         voxels.npy           (n, R^3 / 8) uint8, the unit frame's voxels, bits packed
         closest.npy          (n, R^3, 3) uint16, exact closest surface point to each voxel centre
 
-The last three are absent from a set prepared with `--mesh-only`; `fit` then derives what it needs.
+Samples, voxels and closest points are absent from a set prepared with `--mesh-only`; `fit` then derives what it needs.
 """
 
 import csv
 import hashlib
 import json
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -49,6 +51,8 @@ class ShapeRecord:
     category: str
     vertices: int
     faces: int
+    licence: str = ""
+    split: str = ""
 
 
 class PreparedSet:
@@ -67,10 +71,7 @@ class PreparedSet:
         if self.manifest.get("version") != FORMAT_VERSION:
             raise ValueError(f"{self.root} was prepared by another version of this program; prepare it again")
         with (self.root / "shapes.csv").open(newline="") as lines:
-            self.shapes = [
-                ShapeRecord(row["name"], row["source"], row["category"], int(row["vertices"]), int(row["faces"]))
-                for row in csv.DictReader(lines)
-            ]
+            self.shapes = [_record(row) for row in csv.DictReader(lines)]
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -79,6 +80,19 @@ class PreparedSet:
     def sha256(self) -> str:
         """The data manifest hash: names and content of every shard."""
         return str(self.manifest["sha256"])
+
+    def record(self) -> dict[str, Any]:
+        """What a run and shipped weights say of their data; licences, with the number of shapes, where known."""
+        counts = Counter(shape.licence for shape in self.shapes if shape.licence)
+        known = {"licences": dict(counts.most_common())} if counts else {}
+        return {"manifest_sha256": self.sha256, "shapes": len(self), "skipped": self.manifest["skipped"], **known}
+
+    @cached_property
+    def labels(self) -> dict[str, Any] | None:
+        """What `training label` wrote: method, counts and ``sha256``; None where the set has no labels."""
+        record = self.root / "labels.json"
+        labels = json.loads(record.read_text()) if record.is_file() else None
+        return labels if labels is not None and labels["set"] == self.sha256 else None
 
     @cached_property
     def shards(self) -> list[Path]:
@@ -89,6 +103,10 @@ class PreparedSet:
         """Whether every shard holds the array ``name``."""
         return all((shard / f"{name}.npy").is_file() for shard in self.shards)
 
+    def exact(self, grid: int) -> bool:
+        """Whether the set holds samples, and closest points for a grid of this resolution."""
+        return self.has("closest") and self.has("samples") and self.manifest["resolution"] == grid
+
     def arrays(self, name: str) -> list[NDArray[Any]]:
         """The array ``name`` of every shard, memory-mapped."""
         return [np.load(shard / f"{name}.npy", mmap_mode="r") for shard in self.shards]
@@ -98,6 +116,11 @@ class PreparedSet:
         limit = int(validation_share * 2**32)
         held_out = np.array([_name_hash(shape.name) < limit for shape in self.shapes], dtype=bool)
         return np.flatnonzero(~held_out), np.flatnonzero(held_out)
+
+
+def _record(row: dict[str, str]) -> ShapeRecord:
+    known = row["name"], row["source"], row["category"], int(row["vertices"]), int(row["faces"])
+    return ShapeRecord(*known, row.get("licence", ""), row.get("split", ""))
 
 
 def _name_hash(name: str) -> int:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_type_hints
@@ -30,11 +31,19 @@ class InputRecipe:
 
 @dataclass(frozen=True, slots=True)
 class DamageRecipe:
-    """Holes cut into the input while the loss still judges on the whole shape (paper, section 6.6)."""
+    """What is done to the input while the loss still judges on the whole shape (paper, section 6.6).
+
+    ``share`` of the shapes lose the triangles in a ball, its ``radius`` (from, to) a share of the unit frame's edge.
+    ``cuts`` of the shapes lose what lies beyond a random plane: a missing bottom, a scan from one side. Neither takes
+    more than half of the surface. Of ``noise`` of the shapes every vertex is moved, by at most ``noise_size`` standard
+    deviations (unit frame) a coordinate.
+    """
 
     share: float = 0.0
     radius: tuple[float, float] = (0.1, 0.3)
-    """Radius of the ball of removed triangles, as a share of the unit frame's edge."""
+    cuts: float = 0.0
+    noise: float = 0.0
+    noise_size: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +61,47 @@ class LossRecipe:
     squared: bool = True
     mask_occupied: bool = False
     best_head: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisionRecipe:
+    """Planes of a classical method as an example (paper, "Network Pre-training"); needs `training label`.
+
+    ``weight`` times the distance to the known planes is added to the loss: until the step ``until_step``, or all along
+    where that is 0. ``heads`` weighs how far every head is from its nearest known plane, beside how far every known
+    plane is from its nearest head. Known planes with an error above ``max_error`` do not count.
+    """
+
+    weight: float = 0.0
+    until_step: int = 0
+    heads: float = 1.0
+    max_error: float = 4e-4
+    plain: bool = False
+    """The distance of two planes itself instead of its square."""
+
+    def weight_at(self, step: int) -> float:
+        """The weight that holds in a step."""
+        return self.weight if self.until_step == 0 or step < self.until_step else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SamplingRecipe:
+    """Which shapes are drawn how often.
+
+    ``balance`` over ``source`` or ``category`` gives a group of n shapes a share that grows with n to the power of
+    1 - ``power``: 1 makes all groups equal, 0 leaves them as they are. ``per_category`` above zero makes an epoch of so
+    many draws of every group, each with its own augmentation (paper, section 6.1: 4,000), all equal.
+    """
+
+    balance: Literal["none", "source", "category"] = "none"
+    power: float = 1.0
+    per_category: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.power <= 1.0 or self.per_category < 0:
+            raise ValueError("sampling.power lies between 0 and 1, and sampling.per_category is not negative")
+        if self.per_category and self.balance == "none":
+            raise ValueError("sampling.per_category needs sampling.balance to say what a category is")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +138,8 @@ class Recipe:
     input: InputRecipe = field(default_factory=InputRecipe)
     damage: DamageRecipe = field(default_factory=DamageRecipe)
     loss: LossRecipe = field(default_factory=LossRecipe)
+    supervision: SupervisionRecipe = field(default_factory=SupervisionRecipe)
+    sampling: SamplingRecipe = field(default_factory=SamplingRecipe)
     optimizer: OptimizerRecipe = field(default_factory=OptimizerRecipe)
     inference: InferenceRecipe = field(default_factory=InferenceRecipe)
 
@@ -110,6 +162,30 @@ class Recipe:
             known = ", ".join(sorted(p.stem for p in RECIPES.glob("*.toml")))
             raise ValueError(f"there is no recipe {str(name_or_path)!r}; known ones are {known}")
         return cls.from_dict(tomllib.loads(path.read_text()))
+
+    def with_settings(self, settings: Sequence[str]) -> "Recipe":
+        """A copy with fields set as in ``["loss.regularization=25.0", "seed=2"]``, values written as in TOML.
+
+        Raises:
+            ValueError: a setting cannot be read, or there is no such field.
+        """
+        values = self.to_dict()
+        for setting in settings:
+            key, equals, value = setting.partition("=")
+            *sections, name = key.strip().split(".")
+            try:
+                parsed = tomllib.loads(f"value = {value}")["value"]
+            except tomllib.TOMLDecodeError as error:
+                raise ValueError(f"{setting!r} is not SECTION.FIELD=VALUE with a value as in TOML") from error
+            place = values
+            for section in sections:
+                place = place.get(section)
+                if not isinstance(place, dict):
+                    raise ValueError(f"a recipe has no section {section!r}")
+            if not equals or name not in place or isinstance(place[name], dict):
+                raise ValueError(f"a recipe has no field {key.strip()!r}")
+            place[name] = parsed
+        return Recipe.from_dict(values)
 
     def replace(self, **sections: Any) -> "Recipe":
         """A copy with fields replaced; sections take dictionaries, as in ``replace(optimizer={"steps": 10})``."""
@@ -144,7 +220,8 @@ def _checked(hint: Any, value: Any, where: str) -> Any:
             raise ValueError(f"{where} must be one of {', '.join(map(str, choices))}, not {value!r}")
         return value
     if getattr(hint, "__origin__", None) is tuple:
-        return tuple(float(item) for item in value)
+        items = hint.__args__[0]
+        return tuple(_checked(items, item, where) for item in value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):

@@ -98,7 +98,7 @@ class Truth:
 
 
 def load(path: Path) -> dict[str, Truth]:
-    """The shapes of a ground-truth file by name (`SourceFile.name` of `training.prepare.find_meshes`)."""
+    """The shapes of a ground-truth file by name (`SourceFile.name` of `training.layouts.find_meshes`)."""
     document = json.loads(path.read_text(encoding="utf-8"))
     return {name: Truth.from_entry(entry) for name, entry in document["shapes"].items()}
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from model.first_block import first_block
 from model.network import Architecture, PRSNet, axis_angle
 from model.sparse_block import convolve_and_pool
 from model.voxels import voxelize
@@ -89,3 +90,24 @@ def test_axis_angle_of_the_identity_is_no_turn():
     axis, angle = axis_angle(torch.tensor([1.0, 0.0, 0.0, 0.0]))
     assert angle == 0.0
     assert axis.norm() == 1.0
+
+
+@pytest.mark.parametrize("batch_norm", [False, True])
+def test_the_compiled_first_block_gives_the_same_planes(batch_norm: bool):
+    """Random surfaces, voxels at the border of the grid among them, through both ways of computing the first block."""
+    torch.manual_seed(0)
+    network = PRSNet(Architecture(resolution=16, batch_norm=batch_norm, channels=(6, 8, 10, 12)))
+    for layer in network.features:
+        if isinstance(layer, torch.nn.BatchNorm3d):
+            layer.weight.data.uniform_(-1.0, 1.0)  # a negative scale turns the order around that pooling relies on
+            layer.bias.data.uniform_(-1.0, 1.0)
+            layer.running_mean.uniform_(-0.1, 0.1)
+            layer.running_var.uniform_(0.5, 2.0)
+    network.eval()
+    occupied = torch.rand((3, 16, 16, 16)) < torch.tensor([0.02, 0.3, 0.0])[:, None, None, None]
+    occupied[1, 0], occupied[1, :, -1] = True, True
+    with torch.inference_mode():
+        planes, quaternions = network(occupied[:, None].float())
+        ours = network.after_first_block(first_block(network, occupied.numpy()))
+    torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)

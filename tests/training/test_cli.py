@@ -51,7 +51,7 @@ def test_from_shapes_to_a_curve(tmp_path: Path):
         (("fit", "MISSING", "--run", "OUT"), "no prepared set"),
         (("fit", "MISSING", "--run", "OUT", "--recipe", "unheard-of"), "known ones are"),
         (("evaluate", "MISSING"), "not a folder"),
-        (("evaluate", "MISSING", "--damage", "rust"), "clean or partial"),
+        (("evaluate", "MISSING", "--damage", "rust"), "one of clean"),
     ],
 )
 def test_mistakes_end_with_a_sentence_and_status_2(tmp_path: Path, arguments: tuple[str, ...], message: str):

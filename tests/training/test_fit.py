@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from model.network import PRSNet
-from training.fit import draw_shapes, fit, learning_rate, validate
+from training.fit import fit, learning_rate
+from training.objective import validate
 from training.prepare import Options, prepare
 from training.prepared import PreparedSet
 from training.recipe import OptimizerRecipe, Recipe
@@ -108,16 +109,6 @@ def test_grids_are_derived_where_the_set_has_none(mesh_folder: Path, tmp_path: P
     fit(short, bare, tmp_path / "run", device="cpu", on_derive=lambda done, total: seen.append((done, total)))
     assert seen[-1] == (16, 16)
     assert math.isfinite(float(curve(tmp_path / "run")[-1]["loss"]))
-
-
-def test_every_shape_is_seen_once_an_epoch():
-    pool = torch.arange(100, 150)
-    recipe = TINY.replace(optimizer={"batch": 10})
-    epoch = torch.cat([draw_shapes(pool, recipe, step) for step in range(5)])
-    assert sorted(epoch.tolist()) == pool.tolist()
-    following = torch.cat([draw_shapes(pool, recipe, step) for step in range(5, 10)])
-    assert sorted(following.tolist()) == pool.tolist()
-    assert following.tolist() != epoch.tolist()
 
 
 def test_the_one_cycle_rate_rises_then_falls_to_zero():

@@ -15,7 +15,8 @@ from model.voxels import voxelize
 from tests.shapes import box
 from tests.training.conftest import SMALL, write_obj
 from training import prepare as module
-from training.prepare import Options, find_meshes, prepare
+from training.layouts import find_meshes
+from training.prepare import Options, prepare
 from training.prepared import PreparedSet, dequantise, quantise
 
 
@@ -58,24 +59,6 @@ def test_stored_samples_are_in_random_order(prepared: PreparedSet):
 def test_quantisation_is_finer_than_any_threshold():
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (1000, 3))
     assert np.abs(dequantise(quantise(points)) - points).max() < 1e-5
-
-
-def test_the_published_layout_of_shapenet_is_recognised(tmp_path: Path):
-    mesh = box()
-    for synset, model in (
-        ("02691156", "1a04e3eab45ca15dd86060f189eb133"),
-        ("03001627", "1a6f615e8b1b5ae4dbbc9440457e303e"),
-    ):
-        models = tmp_path / synset / model / "models"
-        write_obj(models / "model_normalized.obj", mesh.vertices, mesh.faces)
-        write_obj(models / "model_unnormalized.obj", mesh.vertices, mesh.faces)
-        (models / "model_normalized.mtl").write_text("newmtl x\n")
-    found = find_meshes([tmp_path])
-    assert [source.category for source in found] == ["02691156", "03001627"]
-    assert [source.name for source in found] == [
-        "02691156/1a04e3eab45ca15dd86060f189eb133", "03001627/1a6f615e8b1b5ae4dbbc9440457e303e",
-    ]  # fmt: skip
-    assert {source.source for source in found} == {"ShapeNetCore.v2"}
 
 
 def test_unreadable_files_are_listed_and_skipped(tmp_path: Path):

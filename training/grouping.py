@@ -1,0 +1,32 @@
+"""Which group of shapes a record of an evaluation belongs to: its source, or what a manifest says of it."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+SOURCE = "source"
+
+
+def read_column(manifest: Path | None, by: str | None) -> dict[str, str]:
+    """The column ``by`` of a manifest by the names of the shapes (its column ``path``); empty for `SOURCE` and None.
+
+    Raises:
+        ValueError: there is no manifest, or it lacks a column.
+    """
+    if by is None or by == SOURCE:
+        return {}
+    if manifest is None:
+        raise ValueError(f"tables by {by} need --manifest, a CSV file with the columns path and {by}")
+    with manifest.open(newline="", encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    if not rows or "path" not in rows[0] or by not in rows[0]:
+        raise ValueError(f"{manifest} lacks the column path or {by}")
+    return {row["path"]: row[by] for row in rows}
+
+
+def groups_of(records: Sequence[Mapping[str, Any]], by: str, column: Mapping[str, str]) -> dict[str, str]:
+    """The group of every record by its name."""
+    if by == SOURCE:
+        return {record["name"]: str(record["source"]) for record in records}
+    return {record["name"]: column.get(record["name"], "(not in the manifest)") for record in records}
