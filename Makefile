@@ -13,10 +13,10 @@ BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install -qq -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url "$(TORCH_INDEX)")
 
 .DEFAULT_GOAL := help
-.PHONY: help serve test check format bench soak audit image train docs lock clean
+.PHONY: help serve test check format bench soak audit image train docs viewer viewer-check lock clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
 serve: $(VENV)/.serve ## serve on http://127.0.0.1:8000 with the shipped weights (PORT= to change)
 	@exec $(BIN)/prsnet serve --port $(PORT)
@@ -51,6 +51,15 @@ docs: $(VENV)/.dev ## build the documentation into site/, broken links being err
 
 image: ## build the container image (ENGINE=docker or podman)
 	$(ENGINE) build --build-arg TORCH_INDEX="$(TORCH_INDEX)" -t $(IMAGE) .
+
+viewer: ## build app/static/viewer from app/viewer (needs Node 20 or newer and npm)
+	@cd app/viewer && npm ci --ignore-scripts --loglevel=error && npm run --silent format && npm run --silent build
+
+viewer-check: ## whether app/static/viewer is what app/viewer builds; its types, format, unit tests (needs Node and npm)
+	@cd app/viewer && npm ci --ignore-scripts --loglevel=error && npm run --silent check && npm run --silent test
+	@cd app/viewer && rm -rf node_modules/.built && npm run --silent build -- --out=node_modules/.built
+	@diff -rq app/viewer/node_modules/.built app/static/viewer || \
+		{ echo 'app/static/viewer is not what app/viewer builds: run `make viewer` and commit it' >&2; exit 1; }
 
 lock: $(VENV)/.dev ## write constraints.txt from what is installed in the virtual environment
 	@$(BIN)/python .ci/lock.py > constraints.txt.new && mv constraints.txt.new constraints.txt

@@ -3,19 +3,16 @@
 import logging
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
-from fastapi.staticfiles import StaticFiles
 
-from app import __version__, auth, openapi, problems, routes, schemas, tracing
+from app import __version__, auth, openapi, pages, problems, routes, schemas, tracing
 from app.middleware import HEADER, RequestContext
 from app.runtime import Runtime
 from app.settings import Settings
 from app.workers.factory import Launch
 
-STATIC = Path(__file__).parent / "static"
 logger = logging.getLogger("prsnet")
 
 
@@ -62,8 +59,6 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
     app.include_router(routes.router)
     if settings.metrics:
         app.include_router(routes.metrics_router)
-    if settings.docs:
-        app.include_router(routes.docs_router)
-        app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    pages.install(app, viewer=settings.viewer, docs=settings.docs)
     openapi.install(app)
     return app

@@ -1,10 +1,9 @@
 """The endpoints. They check, wait and answer; parsing and computing happen in worker processes."""
 
-from pathlib import Path
 from typing import Annotated, cast
 
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import FileResponse, RedirectResponse, Response
+from fastapi.responses import Response
 
 from app import __version__, answers, openapi, schemas
 from app.auth import require_key
@@ -12,15 +11,8 @@ from app.metrics import CONTENT_TYPE
 from app.request import answer
 from app.runtime import Runtime
 
-_DOCS_PAGE = Path(__file__).parent / "static" / "docs.html"
-# Everything the page needs is served from here; the policy keeps it so.
-_DOCS_HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'"
-}
-
 router = APIRouter()
 metrics_router = APIRouter()
-docs_router = APIRouter()
 KEY = [Depends(require_key)]
 
 
@@ -104,15 +96,3 @@ async def model_card(runtime: RuntimeOf) -> schemas.ModelCard:
 async def metrics(runtime: RuntimeOf) -> Response:
     """Counters, gauges and histograms for Prometheus."""
     return Response(runtime.metrics.text(), headers={"Content-Type": CONTENT_TYPE})
-
-
-@docs_router.get("/", include_in_schema=False)
-async def home() -> Response:
-    """The documentation stands in for a home page."""
-    return RedirectResponse("docs")
-
-
-@docs_router.get("/docs", include_in_schema=False)
-async def docs() -> Response:
-    """Swagger UI, from files of this package: nothing is fetched from elsewhere."""
-    return FileResponse(_DOCS_PAGE, headers=_DOCS_HEADERS)

@@ -115,6 +115,7 @@ class Settings(BaseSettings):
     cors_origins: str = Field(
         default="", description="Origins whose pages may call the service, separated by commas (default: none)."
     )
+    viewer: bool = Field(default=True, description="Whether there is the viewer, at /.")
     docs: bool = Field(default=True, description="Whether there are /docs and /openapi.json.")
     metrics: bool = Field(default=True, description="Whether there is /metrics.")
     otel: bool = Field(default=False, description="Whether to send traces by OTLP (needs the extra `otel`).")

@@ -28,7 +28,7 @@ class InputSpec:
     ``frame``: ``unit`` feeds the unit frame as it is (the paper), ``inertia`` the unit frame turned to the
     eigenvectors of the surface covariance. ``passes``: after each pass but the last, the input is turned into the
     frame of the predicted normals and predicted again. ``sign_frames``: 8 averages each head over the eight sign
-    choices of the frame, 4 over the frame as it comes and mirrored along each of its axes, 1 takes it as it comes.
+    choices of the frame, 1 takes the frame as it comes.
     """
 
     frame: Literal["unit", "inertia"] = "unit"
@@ -36,8 +36,8 @@ class InputSpec:
     sign_frames: int = 1
 
     def __post_init__(self) -> None:
-        if self.frame not in ("unit", "inertia") or not 1 <= self.passes <= 8 or self.sign_frames not in (1, 4, 8):
-            raise ValueError("frame must be unit or inertia, passes 1 to 8, sign_frames 1, 4 or 8")
+        if self.frame not in ("unit", "inertia") or not 1 <= self.passes <= 8 or self.sign_frames not in (1, 8):
+            raise ValueError("frame must be unit or inertia, passes 1 to 8, sign_frames 1 or 8")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,9 @@ from model.types import BoolArray, FloatArray, IntArray
 from model.voxels import voxelize
 
 _SIGNS = np.array(sorted(product((1.0, -1.0), repeat=3), key=lambda signs: signs.count(-1.0)))
-"""The frame as it comes, mirrored along one axis, along two, along all. Averaged over the first four, the plane of a
-head across a coordinate axis is exact where the shape is symmetric to it: mirrored along it the input is the same."""
+"""The frame as it comes, then mirrored along one axis, along two, along all. Averaged over all eight, the plane of a
+head across a coordinate axis is exact where the shape is symmetric to it: its inputs come in pairs of equals, mirrored along
+that axis and not. Of fewer frames some would have no partner."""
 
 _SAME_DIRECTION = float(np.cos(np.pi / 4))
 

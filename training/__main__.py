@@ -168,12 +168,15 @@ def export(
         list[Path] | None, typer.Option(help="JSON files written by `evaluate --json`, kept in the metadata.")
     ] = None,
     checkpoint: Annotated[str, typer.Option(help="best or last")] = "best",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="passes=N or sign_frames=N instead of the recipe's [inference].")
+    ] = None,
 ) -> None:
     """Turn a training checkpoint into weights the service loads."""
     from training.export import export_run
 
     try:
-        export_run(run, out, name=name, metrics=metrics or [], which=checkpoint)
+        export_run(run, out, name=name, metrics=metrics or [], which=checkpoint, settings=settings or [])
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     typer.echo(f"wrote {out} and {out.with_suffix('.json')}")
@@ -209,7 +212,8 @@ def evaluate(
     ] = 40,
     ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
     by: Annotated[
-        str | None, typer.Option(help="Also tables by source, or by a column of the manifest, such as kind.")
+        str | None,
+        typer.Option(help="Also tables by source, by unseen sources, or by a column of the manifest, such as kind."),
     ] = None,
     manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
     progress: Verbose = True,

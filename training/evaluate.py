@@ -128,9 +128,9 @@ def judge(mesh: Mesh, shown: Shown, truth: Truth, detectors: Mapping[str, Detect
     Returns:
         ``faces``, ``clear_planes`` and ``clear_axes`` (numbers of), and ``methods``, a dictionary each: ``raw`` (SDE of
         every plane on the intact shape); where the shape has a clear plane ``gte`` and ``angle`` (degrees) of the best
-        of them, ``found`` (clear planes met, for each of `TOLERANCES`); for networks also ``axes`` (clear axes met),
-        ``validated`` (SDE of the planes of paper mode), ``validated_axes`` (how many) and ``ms`` (CPU time of what the
-        network does: all its frames and passes).
+        of them, ``gte_closest`` of the one with the smallest GTE, ``found`` (clear planes met, for each of
+        `TOLERANCES`); for networks also ``axes`` (clear axes met), ``validated`` (SDE of the planes of paper mode),
+        ``validated_axes`` (how many) and ``ms`` (CPU time of what the network does: all its frames and passes).
     """
     intact = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
     surface = SurfaceIndex(intact, mesh.faces)
@@ -147,7 +147,9 @@ def judge(mesh: Mesh, shown: Shown, truth: Truth, detectors: Mapping[str, Detect
         best = planes[int(np.argmin(said["raw"]))]
         nearest = nearest_clear_plane(truth, best)
         if nearest is not None:
-            said["gte"] = ground_truth_error(truth, best)
+            each = [ground_truth_error(truth, plane) for plane in planes]
+            said["gte"] = each[int(np.argmin(said["raw"]))]
+            said["gte_closest"] = min(error for error in each if error is not None)
             said["angle"] = float(np.degrees(np.arccos(np.clip(best[:3] @ nearest[:3], -1.0, 1.0))))
             said["found"] = [clear_planes_found(truth, planes, *tolerance) for tolerance in TOLERANCES]
         return said

@@ -16,7 +16,13 @@ from training.recipe import Recipe
 
 
 def export_run(
-    run: Path, out: Path, *, name: str | None = None, metrics: Sequence[Path] = (), which: str = "best"
+    run: Path,
+    out: Path,
+    *,
+    name: str | None = None,
+    metrics: Sequence[Path] = (),
+    which: str = "best",
+    settings: Sequence[str] = (),
 ) -> None:
     """Write ``out`` (`.safetensors`) and its `.json`.
 
@@ -26,6 +32,8 @@ def export_run(
         name: name in the metadata; the recipe's by default.
         metrics: JSON reports of `training evaluate`; they are kept whole, by file name.
         which: ``best`` (lowest validation loss) or ``last``.
+        settings: how the detector is to use the weights, as in ``["passes=2", "sign_frames=8"]``, where that was
+            settled after training, on held-out shapes.
 
     Raises:
         ValueError: the folder holds no such checkpoint.
@@ -34,7 +42,7 @@ def export_run(
     if not source.is_file():
         raise ValueError(f"{run} holds no {which} checkpoint")
     identity = json.loads((run / "run.json").read_text())
-    recipe = Recipe.from_dict(identity["recipe"])
+    recipe = Recipe.from_dict(identity["recipe"]).with_settings([f"inference.{setting}" for setting in settings])
     state = torch.load(source, map_location="cpu", weights_only=True)
     network = PRSNet(recipe.network)
     network.load_state_dict(state["network"])

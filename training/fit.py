@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -159,7 +160,7 @@ class _Trainer:
         identity = json.dumps({"recipe": self.recipe.to_dict(), "data": data}, indent=1, sort_keys=True)
         self.run.mkdir(parents=True, exist_ok=True)
         stamp = self.run / "run.json"
-        if stamp.is_file() and stamp.read_text() != identity:
+        if stamp.is_file() and not _same(json.loads(stamp.read_text()), json.loads(identity)):
             raise ValueError(f"{self.run} holds a run of another recipe or other data; choose another folder")
         if not stamp.is_file():
             stamp.write_text(identity)
@@ -252,3 +253,12 @@ class _Trainer:
     def _say(self, message: str) -> None:
         if self.log is not None:
             self.log.say(message)
+
+
+def _same(begun: dict[str, Any], now: dict[str, Any]) -> bool:
+    """Whether two records are of one run; a recipe written before a field existed has its default."""
+    try:
+        recipes = [Recipe.from_dict(record["recipe"]) for record in (begun, now)]
+    except ValueError:  # a field that is no more
+        return False
+    return recipes[0] == recipes[1] and begun["data"] == now["data"]

@@ -6,10 +6,14 @@ from pathlib import Path
 from typing import Any
 
 SOURCE = "source"
+UNSEEN = "unseen"
+"""Whether training saw other meshes of a shape's source."""
 
 
 def read_column(manifest: Path | None, by: str | None) -> dict[str, str]:
     """The column ``by`` of a manifest by the names of the shapes (its column ``path``); empty for `SOURCE` and None.
+
+    `UNSEEN` is made of the columns ``source`` and ``split``.
 
     Raises:
         ValueError: there is no manifest, or it lacks a column.
@@ -20,8 +24,12 @@ def read_column(manifest: Path | None, by: str | None) -> dict[str, str]:
         raise ValueError(f"tables by {by} need --manifest, a CSV file with the columns path and {by}")
     with manifest.open(newline="", encoding="utf-8") as lines:
         rows = list(csv.DictReader(lines))
-    if not rows or "path" not in rows[0] or by not in rows[0]:
-        raise ValueError(f"{manifest} lacks the column path or {by}")
+    wanted = ("path", "source", "split") if by == UNSEEN else ("path", by)
+    if not rows or not set(wanted) <= set(rows[0]):
+        raise ValueError(f"{manifest} lacks one of the columns {', '.join(wanted)}")
+    if by == UNSEEN:
+        seen = {row["source"] for row in rows if row["split"] == "train"}
+        return {row["path"]: "sources seen" if row["source"] in seen else "sources never seen" for row in rows}
     return {row["path"]: row[by] for row in rows}
 
 

@@ -92,7 +92,7 @@ def annotated_head(response: DetectResponse, body: bytes) -> bytes:
     """What stands before the body of a file with the mesh, its planes and its axes.
 
     Nodes are named ``mesh``, ``plane 0``, ``axis 0`` and so on, in the order of the response; their extras hold the
-    numbers.
+    numbers, those of ``mesh`` also the whole response as ``result``: one answer serves who needs both, as the viewer.
 
     Raises:
         BodyError: the body is not the geometry that the response tells of.
@@ -107,7 +107,8 @@ def annotated_head(response: DetectResponse, body: bytes) -> bytes:
         extras = axis.model_dump(exclude={"matrix"})
         matrix = _rod_matrix(axis, response.frame.scale)
         nodes.append({"name": f"axis {index}", "mesh": 3 if axis.exact else 4, "matrix": matrix, "extras": extras})
-    extras = {"point_group": response.point_group, "scale": response.frame.scale}
+    result = response.model_dump(mode="json", by_alias=True, exclude={"bop"} if response.bop is None else None)
+    extras = {"point_group": response.point_group, "scale": response.frame.scale, "result": result}
     return _compose(Counts(mesh.vertices, mesh.faces, mesh.bounds), body, nodes, extras)
 
 

@@ -104,8 +104,8 @@ async def test_origins_that_are_allowed_are_told_so(serving: Serving, detector: 
             assert (headers.get("access-control-allow-origin") == origin) == allowed
 
 
-async def test_docs_and_metrics_can_be_switched_off(serving: Serving, detector: FakeDetector) -> None:
-    async with serving(detector, docs=False, metrics=False) as (client, _):
+async def test_pages_and_metrics_can_be_switched_off(serving: Serving, detector: FakeDetector) -> None:
+    async with serving(detector, viewer=False, docs=False, metrics=False) as (client, _):
         for path in ("/", "/docs", "/openapi.json", "/static/docs.js", "/metrics"):
             assert (await client.get(path)).status_code == 404
         assert (await client.get("/health")).status_code == 200

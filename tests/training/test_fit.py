@@ -1,6 +1,7 @@
 """Training learns, resumes exactly, and refuses what does not belong together."""
 
 import csv
+import json
 import math
 import subprocess
 import sys
@@ -99,6 +100,12 @@ def test_a_run_folder_belongs_to_one_recipe_and_one_set(prepared: PreparedSet, t
     fit(short, prepared, tmp_path, device="cpu")
     with pytest.raises(ValueError, match="another recipe or other data"):
         fit(short.replace(seed=9), prepared, tmp_path, device="cpu")
+    # A run begun before a section of the recipe existed goes on: the section has its defaults.
+    stamp = tmp_path / "run.json"
+    record = json.loads(stamp.read_text())
+    del record["recipe"]["sampling"]
+    stamp.write_text(json.dumps(record))
+    fit(short, prepared, tmp_path, device="cpu")
 
 
 def test_grids_are_derived_where_the_set_has_none(mesh_folder: Path, tmp_path: Path):

@@ -78,9 +78,11 @@ def test_a_network_that_ignores_its_input_is_noticed(
     log = (tmp_path / "healthy" / "log.txt").read_text()
     assert "ended at step 40" in log
     assert "warning" not in log
-    # Features that are always the same: the heads can learn constants alone.
-    forward = PRSNet._features
-    monkeypatch.setattr(PRSNet, "_features", lambda network, voxels: forward(network, voxels) * 0.0 + 1.0)
+    # One that is blind: whatever it is shown, it sees the same.
+    forward = PRSNet.forward
+    monkeypatch.setattr(
+        PRSNet, "forward", lambda network, voxels: forward(network, voxels[:1].expand_as(voxels).contiguous())
+    )
     with pytest.raises(CollapseError, match="have not moved with the input"):
         fit(TINY, prepared, tmp_path / "dead", device="cpu", log_every=4)
     assert "warning: the predicted planes have not moved with the input" in (tmp_path / "dead" / "log.txt").read_text()

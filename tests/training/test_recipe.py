@@ -43,3 +43,18 @@ def test_mistakes_are_named(tmp_path: Path, text: str, message: str):
 def test_an_unknown_recipe_lists_the_known_ones():
     with pytest.raises(ValueError, match="default, paper"):
         Recipe.load("unheard-of")
+
+
+def test_settings_change_single_fields():
+    recipe = Recipe.load("default").with_settings(
+        ["loss.regularization = 25", "network.channels=[8, 8, 8, 8, 8]", 'input.frame="unit"', "seed=7"]
+    )
+    assert (recipe.loss.regularization, recipe.input.frame, recipe.seed) == (25.0, "unit", 7)
+    assert recipe.network.block_channels == (8, 8, 8, 8, 8)
+    assert recipe.optimizer == Recipe.load("default").optimizer
+
+
+@pytest.mark.parametrize("setting", ["loss.samples", "loss.sample=5", "loss=5", "los.samples=5", "loss.samples=many"])
+def test_a_setting_that_fits_no_field_is_refused(setting: str):
+    with pytest.raises(ValueError, match=r"field|section|TOML"):
+        Recipe.load("default").with_settings([setting])

@@ -1,0 +1,144 @@
+/** What to take away: JSON, a line for the terminal, the annotated GLB, the completed mesh. */
+
+import { completeQuery, curlLine, detectQuery, endpoint, send, type Options } from "./api";
+import { download, h } from "./dom";
+import { plural, shellWord, short } from "./format";
+import { sourceOf } from "./list";
+import { ProblemError, noAnswer } from "./problems";
+import { itemById, type State, type Store } from "./store";
+import type { Say } from "./status";
+
+export interface Exports {
+  element: HTMLElement;
+  update(state: State): void;
+}
+
+/** The part of the header `PRSNet-Completion` that is told here. */
+interface Completion {
+  faces_added: number;
+  area_added: number;
+  seam_distance: number;
+}
+
+export function exports(store: Store, say: Say, open: (file: File) => void): Exports {
+  const format = h(
+    "select",
+    { id: "complete-format", "aria-label": "Format of the completed mesh" },
+    ...["ply", "glb", "obj", "stl"].map((name) => h("option", { value: name }, name.toUpperCase())),
+  );
+  const symmetrize = h("input", { type: "checkbox", id: "symmetrize" });
+  const across = h("span", { class: "muted small" });
+  const outcome = h("p", { class: "small outcome", hidden: true });
+  const button = (text: string, task: () => Promise<void>) =>
+    h("button", { type: "button", class: "button", onclick: (event: Event) => guarded(event, task) }, text);
+
+  async function guarded(event: Event, task: () => Promise<void>): Promise<void> {
+    const source = event.currentTarget as HTMLButtonElement;
+    source.disabled = true;
+    try {
+      await task();
+    } catch (error) {
+      const problem =
+        error instanceof ProblemError
+          ? error.problem
+          : { ...noAnswer, slug: "not-understood", detail: String(error) };
+      store.set({ phase: { kind: "failed", problem } });
+    } finally {
+      source.disabled = false;
+    }
+  }
+
+  async function copy(text: string, what: string): Promise<void> {
+    await navigator.clipboard.writeText(text);
+    say(`${what} copied.`, true);
+  }
+
+  async function annotated(): Promise<void> {
+    const { file, options } = asked(store.get());
+    const url = endpoint("detect", { ...detectQuery(options), format: "glb" });
+    const { content } = await send(url, file, new AbortController().signal);
+    download(content, `${stem(file.name)}-symmetries.glb`);
+    say("Annotated GLB downloaded.", true);
+  }
+
+  /** The completed mesh as a file. */
+  async function completed(): Promise<File> {
+    const state = store.get();
+    const { file, options } = asked(state);
+    const query = completeQuery(options, format.value, symmetrize.checked, chosenPlane(state));
+    const answer = await send(endpoint("complete", query), file, new AbortController().signal);
+    const done = JSON.parse(answer.header("PRSNet-Completion") ?? "{}") as Partial<Completion>;
+    outcome.textContent = describe(done, symmetrize.checked);
+    outcome.hidden = false;
+    say(outcome.textContent);
+    return new File([answer.content], `${stem(file.name)}-completed.${format.value}`);
+  }
+
+  const element = h(
+    "section",
+    { class: "exports" },
+    h("h3", {}, "Take away"),
+    h(
+      "div",
+      { class: "buttons" },
+      button("Copy JSON", () => copy(JSON.stringify(store.get().result, null, 2), "JSON")),
+      button("Copy curl line", () => {
+        const { file, options } = asked(store.get());
+        return copy(curlLine(file.name, options, shellWord), "curl line");
+      }),
+      button("Annotated GLB", annotated),
+    ),
+    h("h4", {}, "Complete what is missing"),
+    h(
+      "p",
+      { class: "muted small" },
+      "Keeps what is there and mirrors the rest from the other side, at ",
+      across,
+      ".",
+    ),
+    h(
+      "div",
+      { class: "buttons" },
+      format,
+      button("Completed mesh", async () => {
+        const file = await completed();
+        download(file, file.name);
+      }),
+      button("Open it here", async () => open(await completed())),
+    ),
+    h("label", { class: "check small" }, symmetrize, "also average both halves"),
+    outcome,
+  );
+  return {
+    element,
+    update(state) {
+      const item = itemById(state, state.selected);
+      across.textContent =
+        item?.kind === "plane"
+          ? item.reason
+            ? "the chosen candidate"
+            : item.name.toLowerCase()
+          : "the best plane";
+    },
+  };
+}
+
+/** File and options that the result on the page is the answer to. */
+function asked(state: State): { file: File; options: Options } {
+  return { file: state.file!, options: state.answered! };
+}
+
+function chosenPlane(state: State) {
+  const item = itemById(state, state.selected);
+  const source = item?.kind === "plane" ? sourceOf(item, state) : null;
+  return source && "normal" in source ? source : null;
+}
+
+function describe(done: Partial<Completion>, symmetrized: boolean): string {
+  const { faces_added: faces = 0, area_added: area = 0 } = done;
+  const averaged = symmetrized ? " Both halves are averaged." : "";
+  if (faces === 0) return `Nothing was missing.${averaged}`;
+  return `${plural(faces, "face")} added, ${short(100 * area)} % more surface.${averaged}`;
+}
+
+const stem = (name: string): string => name.replace(/\.[^.]*$/, "");

@@ -1,0 +1,76 @@
+/** Puts the page together. */
+
+import { byId } from "./dom";
+import { attachGizmo } from "./gizmo";
+import { HeatMeter } from "./heat";
+import { askForKey } from "./keydialog";
+import { attachPanel } from "./panel";
+import { attachPicture, attachPointer } from "./picture";
+import { attachProblemBox } from "./problembox";
+import { attachProgress } from "./progress";
+import { createSession } from "./session";
+import { Stage } from "./stage";
+import { attachDrop, attachStart } from "./start";
+import { attachStatus, createSay } from "./status";
+import { createStore } from "./store";
+import { attachTheme, initialTheme } from "./theme";
+import { attachViews } from "./views";
+
+const store = createStore({
+  phase: { kind: "idle" },
+  file: null,
+  mode: "full",
+  maxError: 4e-4,
+  result: null,
+  answered: null,
+  items: [],
+  surface: null,
+  selected: null,
+  hovered: null,
+  hidden: new Set(),
+  view: "mesh",
+  up: "y",
+  heatLargest: null,
+  theme: initialTheme(),
+});
+const say = createSay();
+const session = createSession(store, askForKey);
+const open = (file: File): void => void session.open(file);
+
+attachTheme(store);
+const stage = createStage();
+if (stage) {
+  const markers = attachPicture(store, stage, new HeatMeter());
+  attachPointer(store, stage, byId<HTMLCanvasElement>("canvas"), markers);
+  attachGizmo(stage, byId("tools"));
+}
+attachViews(store, () => stage?.home());
+attachStart(store, open);
+attachDrop(open);
+attachPanel(store, session, say);
+attachProgress(store, () => session.cancel());
+attachProblemBox(store, () => void session.retry());
+attachStatus(store, say);
+attachHead();
+
+/** The picture; without WebGL there is none, and the lists and numbers remain. */
+function createStage(): Stage | null {
+  try {
+    return new Stage(byId<HTMLCanvasElement>("canvas"));
+  } catch {
+    byId("picture").classList.add("no-webgl");
+    return null;
+  }
+}
+
+function attachHead(): void {
+  const another = byId<HTMLButtonElement>("open");
+  another.addEventListener("click", () => session.close());
+  store.subscribe((state) => {
+    byId("filename").textContent = state.result?.mesh.filename ?? "";
+    another.hidden = state.result === null;
+    document.title = state.result
+      ? `${state.result.mesh.filename}: ${state.result.point_group} · prsnet`
+      : "prsnet: symmetries of a mesh";
+  });
+}

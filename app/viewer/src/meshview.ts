@@ -1,0 +1,152 @@
+/** The mesh itself: as it is, half of it mirrored, or coloured by the distance to its image. */
+
+import {
+  BufferAttribute,
+  BufferGeometry,
+  Color,
+  DoubleSide,
+  EdgesGeometry,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Matrix4,
+  Mesh,
+  MeshStandardMaterial,
+  Plane,
+  SRGBColorSpace,
+  Vector3,
+} from "three";
+import { heatColor } from "./colors";
+import type { Heat } from "./heat";
+import type { Item } from "./items";
+import type { Vector } from "./result";
+import type { Surface } from "./store";
+import { fullerSide } from "./section";
+import { across } from "./vector";
+
+/** Edges are drawn where faces meet at more than this angle, in degrees, ... */
+const EDGE_ANGLE = 32;
+/** ... unless there are so many faces that it would take long and show little. */
+const MOST_FACES_FOR_EDGES = 60_000;
+
+export interface MeshColors {
+  surface: string;
+  edges: string;
+  original: string;
+  image: string;
+}
+
+const material = (): MeshStandardMaterial =>
+  new MeshStandardMaterial({
+    roughness: 0.78,
+    metalness: 0,
+    side: DoubleSide,
+    polygonOffset: true,
+    polygonOffsetFactor: 1.5,
+    polygonOffsetUnits: 1.5,
+  });
+
+/** The heat map's scale ends here at least, unit frame: what is exact shall look so. */
+export const LEAST_HEAT = 0.01;
+
+export class MeshView {
+  readonly group = new Group();
+  private readonly plain = material();
+  private readonly image = material();
+  private readonly hot = material();
+  private readonly lines = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
+  private readonly mesh = new Mesh(new BufferGeometry(), this.plain);
+  private readonly mirrored = new Mesh(this.mesh.geometry, this.image);
+  private readonly heated = new Mesh(new BufferGeometry(), this.hot);
+  private readonly edges = new LineSegments(new BufferGeometry(), this.lines);
+  private colors: MeshColors | null = null;
+
+  constructor() {
+    this.hot.vertexColors = true;
+    this.mirrored.matrixAutoUpdate = false;
+    this.group.add(this.mesh, this.mirrored, this.heated, this.edges);
+    this.showMesh();
+  }
+
+  /** Another mesh. */
+  load(surface: Surface): void {
+    for (const old of [this.mesh, this.heated, this.edges]) old.geometry.dispose();
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(surface.corners, 3));
+    geometry.setAttribute("normal", new BufferAttribute(surface.normals, 3));
+    this.mesh.geometry = this.mirrored.geometry = geometry;
+    const few = surface.corners.length / 9 <= MOST_FACES_FOR_EDGES;
+    this.edges.geometry = few ? new EdgesGeometry(geometry, EDGE_ANGLE) : new BufferGeometry();
+    this.heated.geometry = new BufferGeometry();
+    this.showMesh();
+  }
+
+  setColors(colors: MeshColors): void {
+    this.colors = colors;
+    this.plain.color.set(colors.surface);
+    this.image.color.set(colors.image);
+    this.lines.color.set(colors.edges);
+  }
+
+  showMesh(): void {
+    this.arrange(true, false, false);
+    this.plain.clippingPlanes = this.lines.clippingPlanes = null;
+    if (this.colors) this.plain.color.set(this.colors.surface);
+  }
+
+  /** The half with more surface as it is, and beside it its image; for an axis, the half beyond it is the shape turned. */
+  showMirror(item: Item): void {
+    this.arrange(true, true, false);
+    const normal = item.kind === "plane" ? item.direction : across(item.direction, [0, 1, 0])[0];
+    const side = fullerSide(this.mesh.geometry.getAttribute("position").array, normal, item.point);
+    this.plain.clippingPlanes = this.lines.clippingPlanes = [halfSpace(normal, item.point, side)];
+    this.image.clippingPlanes = [halfSpace(normal, item.point, side === 1 ? -1 : 1)];
+    this.mirrored.matrix.copy(matrixOf(item.transform));
+    this.mirrored.matrixWorldNeedsUpdate = true;
+    if (this.colors) this.plain.color.set(this.colors.original);
+  }
+
+  /** Colours by distance; `largest` ends the scale. */
+  showHeat(heat: Heat, largest: number): void {
+    this.arrange(false, false, true);
+    this.lines.clippingPlanes = null;
+    const { positions, normals, indices } = heat.lattice;
+    const geometry = this.heated.geometry;
+    if (geometry.getAttribute("position")?.array !== positions) {
+      geometry.setAttribute("position", new BufferAttribute(positions, 3));
+      geometry.setAttribute("normal", new BufferAttribute(normals, 3));
+      geometry.setIndex(new BufferAttribute(indices, 1));
+    }
+    geometry.setAttribute("color", new BufferAttribute(colorsOf(heat.distances, largest), 3));
+  }
+
+  private arrange(mesh: boolean, mirrored: boolean, heated: boolean): void {
+    this.mesh.visible = mesh;
+    this.mirrored.visible = mirrored;
+    this.heated.visible = heated;
+    this.edges.visible = !heated;
+  }
+}
+
+function halfSpace(normal: Vector, point: Vector, side: 1 | -1): Plane {
+  return new Plane().setFromNormalAndCoplanarPoint(
+    new Vector3(...normal).multiplyScalar(side),
+    new Vector3(...point),
+  );
+}
+
+function matrixOf(transform: number[]): Matrix4 {
+  return new Matrix4().set(...(transform.concat([0, 0, 0, 1]) as Parameters<Matrix4["set"]>));
+}
+
+function colorsOf(distances: Float32Array, largest: number): Float32Array {
+  const table = Array.from({ length: 256 }, (_, i) => {
+    const [red, green, blue] = heatColor(i / 255);
+    return new Color().setRGB(red, green, blue, SRGBColorSpace).toArray() as Vector;
+  });
+  const colors = new Float32Array(3 * distances.length);
+  distances.forEach((distance, i) => {
+    colors.set(table[Math.min(255, Math.round((255 * distance) / largest))], 3 * i);
+  });
+  return colors;
+}

@@ -1,0 +1,78 @@
+/** The first thing to be seen: where to drop a mesh, and examples for who has none at hand. */
+
+import { byId, h } from "./dom";
+import { EXAMPLES, fetchExample } from "./examples";
+import { icon } from "./icons";
+import { isBusy, type Store } from "./store";
+
+const FORMATS = ["stl", "obj", "ply", "off", "glb", "gltf", "3mf"];
+
+export function attachStart(store: Store, open: (file: File) => void): void {
+  const picker = byId<HTMLInputElement>("file");
+  picker.accept = FORMATS.map((name) => `.${name}`).join(",");
+  picker.addEventListener("change", () => {
+    const file = picker.files?.[0];
+    if (file) open(file);
+    picker.value = "";
+  });
+  const choose = h(
+    "button",
+    { type: "button", class: "drop", onclick: () => picker.click() },
+    icon("upload"),
+    h("strong", {}, "Drop a mesh here, or choose a file"),
+    h(
+      "span",
+      { class: "muted small" },
+      "STL, OBJ, PLY, OFF, GLB, glTF, 3MF. It goes to this service and nowhere else.",
+    ),
+  );
+  const start = byId("start");
+  start.append(
+    h("h1", {}, "Every mirror plane and rotation axis of a mesh"),
+    choose,
+    h("h2", {}, "Or try one of these"),
+    h("ul", { class: "examples" }, ...EXAMPLES.map((example) => h("li", {}, exampleButton(example)))),
+  );
+  store.subscribe((state) => {
+    start.hidden = state.surface !== null;
+    start.classList.toggle("waiting", isBusy(state));
+  });
+
+  function exampleButton(example: (typeof EXAMPLES)[number]): HTMLElement {
+    const picture = h("img", {
+      src: `static/viewer/examples/${example.file}.png`,
+      alt: "",
+      width: 96,
+      height: 72,
+      loading: "lazy",
+    });
+    return h(
+      "button",
+      { type: "button", class: "example", onclick: () => void fetchExample(example).then(open) },
+      picture,
+      h("span", {}, h("strong", {}, example.title), h("span", { class: "muted small" }, example.note)),
+    );
+  }
+}
+
+/** Files may be dropped anywhere on the page, at any time. */
+export function attachDrop(open: (file: File) => void): void {
+  const veil = byId("veil");
+  let inside = 0;
+  const enter = (by: number): void => {
+    inside = Math.max(0, inside + by);
+    veil.hidden = inside === 0;
+  };
+  const isFile = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
+  document.addEventListener("dragenter", (event) => isFile(event) && enter(1));
+  document.addEventListener("dragleave", (event) => isFile(event) && enter(-1));
+  document.addEventListener("dragover", (event) => {
+    if (isFile(event)) event.preventDefault();
+  });
+  document.addEventListener("drop", (event) => {
+    event.preventDefault();
+    enter(-inside);
+    const file = event.dataTransfer?.files[0];
+    if (file) open(file);
+  });
+}

@@ -1,0 +1,102 @@
+/** Over the picture: what it shows (mesh, mirror preview, heat map), the legend of its colours, and its tools. */
+
+import { errorGradient, heatGradient, LEAST_ERROR } from "./colors";
+import { byId, h } from "./dom";
+import { short, unitSign } from "./format";
+import { icon } from "./icons";
+import { LEAST_HEAT } from "./meshview";
+import { segments } from "./segments";
+import { accepted, subject, type State, type Store, type Up, type View } from "./store";
+
+export function attachViews(store: Store, home: () => void): void {
+  const view = segments<View>(
+    "View",
+    [
+      { value: "mesh", label: "Mesh" },
+      { value: "mirror", label: "Mirror preview", title: "One half, and its image in place of the other" },
+      { value: "heat", label: "Heat map", title: "Distance of the moved surface to the surface" },
+    ],
+    (value) => store.set({ view: value }),
+  );
+  const up = segments<Up>(
+    "Upwards",
+    [
+      { value: "y", label: "y up", title: "Only the view turns; coordinates stay" },
+      { value: "z", label: "z up", title: "Only the view turns; coordinates stay" },
+    ],
+    (value) => store.set({ up: value }),
+  );
+  const reset = h(
+    "button",
+    {
+      type: "button",
+      class: "quiet icon",
+      "aria-label": "Reset the view",
+      title: "Reset the view (0)",
+      onclick: home,
+    },
+    icon("home"),
+  );
+  const [views, tools, legend] = [byId("views"), byId("tools"), byId("legend")];
+  views.append(view.element);
+  tools.append(up.element, reset);
+  store.subscribe((state) => {
+    view.show(state.view);
+    up.show(state.up);
+    tools.hidden = state.surface === null;
+    views.hidden = subject(state) === null;
+    legend.hidden = subject(state) === null || (state.view === "mesh" && accepted(state).length === 0);
+    if (!legend.hidden) legend.replaceChildren(...legendOf(state));
+  });
+}
+
+function legendOf(state: State): HTMLElement[] {
+  const about = subject(state)!;
+  const name = about.reason ? "the chosen candidate" : about.name.toLowerCase();
+  if (state.view === "mirror") {
+    const image = about.kind === "plane" ? "its mirror image" : `turned by ${degrees(about.order)}`;
+    return [
+      h("strong", {}, `At ${name}`),
+      h("span", { class: "key" }, h("i", { class: "original" }), "one half as it is"),
+      h("span", { class: "key" }, h("i", { class: "image" }), image),
+    ];
+  }
+  if (state.view === "heat") {
+    const what = about.kind === "plane" ? "mirrored" : `turned by ${degrees(about.order)},`;
+    const units = unitSign(state.result?.frame.units ?? null);
+    const long = (value: number): string => `${short(value)} ${units}`.trim();
+    const scale = state.result?.frame.scale ?? 1;
+    const largest = state.heatLargest === null ? null : Math.max(state.heatLargest, LEAST_HEAT) * scale;
+    return [
+      h("strong", {}, `Distance to the surface, ${what} at ${name}`),
+      bar(heatGradient()),
+      h(
+        "span",
+        { class: "ends" },
+        h("span", {}, "0"),
+        h("span", {}, largest === null ? "measuring …" : long(largest)),
+      ),
+      h(
+        "span",
+        { class: "muted" },
+        state.heatLargest === null
+          ? ""
+          : `largest ${long(state.heatLargest * scale)}, rms ${long(about.rms)}`,
+      ),
+    ];
+  }
+  const maxError = state.answered?.maxError ?? state.maxError;
+  return [
+    h("strong", {}, "Symmetry error"),
+    bar(errorGradient()),
+    h("span", { class: "ends" }, h("span", {}, `≤ ${short(LEAST_ERROR)}`), h("span", {}, short(maxError))),
+  ];
+}
+
+function bar(gradient: string): HTMLElement {
+  const element = h("span", { class: "scale" });
+  element.style.background = gradient;
+  return element;
+}
+
+const degrees = (order: number | null): string => `${order ? short(360 / order, 4) : "137.5"}°`;
