@@ -25,10 +25,9 @@ def _operation(method: str, path: str, operation: dict[str, Any]) -> list[str]:
         lines += ["```sh", sample["source"], "```", ""]
     if parameters := operation.get("parameters"):
         lines += ["| query | default | meaning |", "| --- | --- | --- |"]
-        lines += [
-            f"| `{item['name']}` {_type(item['schema'])} | {_default(item['schema'])} | {_cell(item.get('description'))} |"
-            for item in parameters
-        ]
+        for item in parameters:
+            name = f"`{item['name']}` {_type(item['schema'])}"
+            lines.append(f"| {name} | {_default(item['schema'])} | {_cell(item.get('description'))} |")
         lines.append("")
     lines += ["| status | body | |", "| --- | --- | --- |"]
     for status, answer in operation["responses"].items():

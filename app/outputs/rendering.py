@@ -61,8 +61,9 @@ class Scene:
         """Add a translucent disc with a thin rim."""
         seen = (centre - self.centre) @ self.view.T
         self._discs.append(np.concatenate([seen, self.view @ normal, [radius], colour, [alpha]]))
-        across: FloatArray = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        first: FloatArray = across / np.linalg.norm(across)
+        least = np.eye(3)[int(np.argmin(np.abs(normal)))]
+        across = least - (least @ normal) * normal
+        first: FloatArray = across / float(np.linalg.norm(across))
         angles = np.linspace(0.0, 2.0 * np.pi, 97)[:, None]
         second: FloatArray = np.cross(normal, first)
         rim: FloatArray = centre + radius * (np.cos(angles) * first + np.sin(angles) * second)

@@ -77,7 +77,7 @@ async def test_work_is_bounded_even_where_the_server_does_not_end_it(
 ) -> None:
     detector.action = endless
     async with serving(detector, workers=1) as (client, runtime):
-        monkeypatch.setattr("app.detect.Job", lambda **members: Job(**(members | {"cpu_s": 0.0})))
+        monkeypatch.setattr("app.request.Job", lambda **members: Job(**(members | {"cpu_s": 0.0})))
         response = await client.post("/detect", files={"file": ("chair.obj", chair)})
         document = assert_problem(response, "deadline-passed", 504)
         assert "processor time" in document["detail"]

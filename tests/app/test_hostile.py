@@ -57,10 +57,8 @@ async def test_reading_has_a_time_limit_of_its_own(
     def slow(*_: Any, **__: Any) -> Any:
         time.sleep(60)
 
-    async with serving(detector) as (client, _):
-        pass  # warmed up with the real reader, so that the next application's zygote is forked after the patch
-    monkeypatch.setattr("app.workers.worker.sample_files", lambda: [("a.obj", b"")])
-    monkeypatch.setattr("app.workers.worker.parse_and_detect", lambda *a, **_: slow() if a[2] != "a.obj" else None)
+    # The zygote is forked after the patch. What workers warm up with is called elsewhere.
+    monkeypatch.setattr("app.workers.worker.perform", slow)
     async with serving(detector, parse_s=0.3) as (client, _):
         document = assert_problem(await client.post("/detect", files={"file": ("b.obj", b"v")}), "deadline-passed", 504)
         assert "Reading" in document["detail"]
