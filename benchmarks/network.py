@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from model.voxels import voxelize
 
 MESHES = Path(__file__).parents[1] / "tests/data"
 RUNS = 25
+FLIPS = np.array(list(product((False, True), repeat=3)))
 
 
 def median_ms(run: Callable[[], object]) -> float:
@@ -51,9 +53,10 @@ def main(weights: list[str]) -> None:
         for frames in (1, 2, 4, 8):
             compiled, plain = [], []
             for grid in grids:
-                batch = np.stack([grid] * frames)
+                flips = FLIPS[:frames]
+                batch = np.stack([np.flip(grid, [axis for axis in range(3) if flip[axis]]) for flip in flips])
                 voxels = torch.as_tensor(batch[:, None].astype(np.float32))
-                compiled.append(median_ms(partial(checkpoint.compiled, batch)))
+                compiled.append(median_ms(partial(checkpoint.compiled, grid, flips)))
                 with torch.inference_mode():
                     plain.append(median_ms(partial(checkpoint.network, voxels)))
             print(f"| {name} | {frames} | {np.median(compiled):.2f} | {np.median(plain):.2f} |", flush=True)

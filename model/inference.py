@@ -3,6 +3,7 @@
 - A surface fills a few per cent of its grid. Convolution 3^3 and pooling 2^3 together make each output cell of the
   first block a function of the 4^3 voxels around it; where those are empty the output is a constant. Every voxel adds
   its taps where it is seen. (`model.sparse_block` says the same in torch, for training.)
+- Frames that are mirror images of one another share the voxels: instead of those the kernels are mirrored.
 - The last block sees 2^3 cells: its convolution is one matrix. As a convolution its weights would be brought into
   another order at every call, which takes longer than the product.
 - All heads are one product a layer.
@@ -29,7 +30,7 @@ class CompiledNetwork:
         first, *middle = network.blocks()
         convolution = cast(nn.Conv3d, first[0])
         scale, shift = _normalisation(first)
-        self._taps = _numbers(convolution.weight.detach()[:, 0].flatten(1).t())
+        self._kernels = convolution.weight.detach()[:, 0].permute(1, 2, 3, 0).contiguous().numpy()
         self._bias = _numbers(cast(Tensor, convolution.bias).detach())
         self._scale, self._shift = _numbers(scale), _numbers(shift)
         last = middle.pop() if middle else None
@@ -39,10 +40,18 @@ class CompiledNetwork:
         heads = [cast(nn.Sequential, head) for head in (*network.plane_heads, *network.rotation_heads)]
         self._layers = [_stacked([cast(nn.Linear, head[row]) for head in heads]) for row in (0, 2, 4)]
 
-    def __call__(self, occupied: BoolArray) -> tuple[Tensor, Tensor]:
-        """What `PRSNet.forward` returns, for voxels ``(b, R, R, R)`` bool."""
+    def __call__(self, occupied: BoolArray, flips: BoolArray) -> tuple[Tensor, Tensor]:
+        """What `PRSNet.forward` returns for one shape in several frames.
+
+        Args:
+            occupied: voxels ``(R, R, R)``.
+            flips: ``(f, 3)``, the axes along which each frame is mirrored.
+
+        Returns:
+            planes ``(f, p, 4)`` and quaternions ``(f, r, 4)``, each in its own frame.
+        """
         with torch.inference_mode():
-            features = self._first_block(occupied)
+            features = self._first_block(occupied, flips)
             for layer in self._middle:
                 features = convolve(features, layer) if isinstance(layer, nn.Conv3d) else cast(Tensor, layer(features))
             features = features.flatten(1) if self._last is None else self._last(features)
@@ -54,12 +63,16 @@ class CompiledNetwork:
             outputs = outputs.transpose(0, 1)
             return unit_planes(outputs[:, : self._planes]), unit_quaternions(outputs[:, self._planes :])
 
-    def _first_block(self, occupied: BoolArray) -> Tensor:
-        """``(b, c, R/2, R/2, R/2)`` float32 in the channels-last memory format."""
-        half = occupied.shape[1] // 2
-        out = np.empty((len(occupied), half, half, half, len(self._bias)), dtype=np.float32)
-        voxels = kernel_array(occupied, np.uint8)
-        _first_block(voxels, self._taps, self._bias, self._scale, self._shift, np.float32(LEAKY_SLOPE), out)
+    def _first_block(self, occupied: BoolArray, flips: BoolArray) -> Tensor:
+        """``(f, c, R/2, R/2, R/2)`` float32 in the channels-last memory format."""
+        half, channels = occupied.shape[0] // 2, len(self._bias)
+        steps = np.where(flips, -1, 1).tolist()
+        mirrored: list[AnyArray] = [self._kernels[::x, ::y, ::z] for x, y, z in steps]
+        taps = kernel_array(np.stack(mirrored, axis=3).reshape(27, -1), np.float32)
+        out = np.empty((len(flips), half, half, half, channels), dtype=np.float32)
+        voxels, flags = kernel_array(occupied, np.uint8), kernel_array(flips, np.uint8)
+        slope = np.float32(LEAKY_SLOPE)
+        _first_block(voxels, taps, self._bias, self._scale, self._shift, slope, flags, out)
         result: Tensor = torch.from_numpy(out)  # pyright: ignore[reportUnknownMemberType]
         return result.permute(0, 4, 1, 2, 3)
 
@@ -108,58 +121,66 @@ def _numbers(values: Tensor) -> AnyArray:
 
 @jit_allocating
 def _first_block(
-    occupied: AnyArray, taps: AnyArray, bias: AnyArray, scale: AnyArray, shift: AnyArray, slope: Any, out: AnyArray
+    occupied: AnyArray,
+    taps: AnyArray,
+    bias: AnyArray,
+    scale: AnyArray,
+    shift: AnyArray,
+    slope: Any,
+    flips: AnyArray,
+    out: AnyArray,
 ) -> None:
-    size, edge = occupied.shape[0], occupied.shape[1]
-    half, channels = edge // 2, taps.shape[1]
-    empty = np.empty(channels, dtype=np.float32)
-    for c in range(channels):
-        value = bias[c] * scale[c] + shift[c]
-        empty[c] = value if value > 0 else slope * value
-    places = np.empty((half, half, half), dtype=np.int32)
-    for item in range(size):
-        filled = 0
-        for x in range(edge):
-            for y in range(edge):
-                for z in range(edge):
-                    filled += occupied[item, x, y, z]
-        # Every voxel is seen by eight cells at most. A cell's eight rows are the kernel's places within its patch.
-        sums = np.zeros((min(half**3, 8 * filled), 8, channels), dtype=np.float32)
-        places[:] = -1
-        used = 0
-        for x in range(edge):
-            for y in range(edge):
-                for z in range(edge):
-                    if not occupied[item, x, y, z]:
-                        continue
-                    # Cell i sees the voxels from 2 i - 1 to 2 i + 2.
-                    for i in range(max(0, (x - 1) // 2), min(half, (x + 1) // 2 + 1)):
-                        for j in range(max(0, (y - 1) // 2), min(half, (y + 1) // 2 + 1)):
-                            for k in range(max(0, (z - 1) // 2), min(half, (z + 1) // 2 + 1)):
-                                row = places[i, j, k]
-                                if row < 0:
-                                    row = used
-                                    places[i, j, k] = row
-                                    used += 1
-                                a, b, e = x - 2 * i + 1, y - 2 * j + 1, z - 2 * k + 1
-                                for pi in range(max(0, a - 2), min(1, a) + 1):
-                                    for pj in range(max(0, b - 2), min(1, b) + 1):
-                                        for pk in range(max(0, e - 2), min(1, e) + 1):
-                                            tap = ((a - pi) * 3 + b - pj) * 3 + e - pk
-                                            place = (pi * 2 + pj) * 2 + pk
-                                            for c in range(channels):
-                                                sums[row, place, c] += taps[tap, c]
-        for i in range(half):
-            for j in range(half):
-                for k in range(half):
-                    row = places[i, j, k]
-                    if row < 0:
-                        for c in range(channels):
-                            out[item, i, j, k, c] = empty[c]
-                        continue
+    """``out`` ``(f, h, h, h, c)`` for frames ``flips`` ``(f, 3)``; ``taps`` ``(27, f c)`` of the mirrored kernels."""
+    edge, half = occupied.shape[0], occupied.shape[0] // 2
+    frames, width = flips.shape[0], taps.shape[1]
+    channels = width // frames
+    filled = 0
+    for x in range(edge):
+        for y in range(edge):
+            for z in range(edge):
+                filled += occupied[x, y, z]
+    # Every voxel is seen by eight cells at most. A cell's eight rows are the kernel's places within its patch.
+    sums = np.zeros((min(half**3, 8 * filled), 8, width), dtype=np.float32)
+    places = np.full((half, half, half), -1, dtype=np.int32)
+    used = 0
+    for x in range(edge):
+        for y in range(edge):
+            for z in range(edge):
+                if not occupied[x, y, z]:
+                    continue
+                # Cell i sees the voxels from 2 i - 1 to 2 i + 2.
+                for i in range(max(0, (x - 1) // 2), min(half, (x + 1) // 2 + 1)):
+                    for j in range(max(0, (y - 1) // 2), min(half, (y + 1) // 2 + 1)):
+                        for k in range(max(0, (z - 1) // 2), min(half, (z + 1) // 2 + 1)):
+                            row = places[i, j, k]
+                            if row < 0:
+                                row = used
+                                places[i, j, k] = row
+                                used += 1
+                            a, b, e = x - 2 * i + 1, y - 2 * j + 1, z - 2 * k + 1
+                            for pi in range(max(0, a - 2), min(1, a) + 1):
+                                for pj in range(max(0, b - 2), min(1, b) + 1):
+                                    for pk in range(max(0, e - 2), min(1, e) + 1):
+                                        tap = ((a - pi) * 3 + b - pj) * 3 + e - pk
+                                        place = (pi * 2 + pj) * 2 + pk
+                                        for w in range(width):
+                                            sums[row, place, w] += taps[tap, w]
+    largest = np.empty(width, dtype=np.float32)
+    for i in range(half):
+        for j in range(half):
+            for k in range(half):
+                row = places[i, j, k]
+                largest[:] = 0.0
+                if row >= 0:
+                    for w in range(width):
+                        largest[w] = sums[row, 0, w]
+                    for place in range(1, 8):
+                        for w in range(width):
+                            largest[w] = max(largest[w], sums[row, place, w])
+                for frame in range(frames):
+                    x = half - 1 - i if flips[frame, 0] else i
+                    y = half - 1 - j if flips[frame, 1] else j
+                    z = half - 1 - k if flips[frame, 2] else k
                     for c in range(channels):
-                        largest = sums[row, 0, c]
-                        for place in range(1, 8):
-                            largest = max(largest, sums[row, place, c])
-                        value = (largest + bias[c]) * scale[c] + shift[c]
-                        out[item, i, j, k, c] = value if value > 0 else slope * value
+                        value = (largest[frame * channels + c] + bias[c]) * scale[c] + shift[c]
+                        out[frame, x, y, z, c] = value if value > 0 else slope * value

@@ -63,8 +63,7 @@ def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray
 def _heads(checkpoint: Checkpoint, voxels: BoolArray, frames: int) -> tuple[FloatArray, FloatArray]:
     """Planes and quaternions ``(heads, frames, 4)`` in the frame of the voxels."""
     signs = _SIGNS[:frames]
-    batch: BoolArray = np.stack([voxels[tuple(slice(None, None, int(step)) for step in sign)] for sign in signs])
-    outputs = checkpoint.compiled(batch)
+    outputs = checkpoint.compiled(voxels, signs < 0)
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.

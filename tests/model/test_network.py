@@ -1,5 +1,7 @@
 """The network is the paper's, and its sparse first block changes nothing but the time."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import torch
@@ -109,10 +111,14 @@ def test_the_compiled_network_gives_the_same_planes(batch_norm: bool, resolution
             layer.running_mean.uniform_(-0.1, 0.1)
             layer.running_var.uniform_(0.5, 2.0)
     network.eval()
-    occupied = torch.rand((4, *[resolution] * 3)) < torch.tensor([0.02, 0.3, 0.0, 1.0])[:, None, None, None]
-    occupied[1, 0], occupied[1, :, -1] = True, True
-    with torch.inference_mode():
-        planes, quaternions = network(occupied[:, None].float())
-    ours = CompiledNetwork(network)(occupied.numpy())
-    torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
-    torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)
+    flips = np.array(list(product((False, True), repeat=3)))
+    for filling in (0.0, 0.02, 0.3, 1.0):
+        occupied = torch.rand([resolution] * 3) < filling
+        if filling == 0.3:
+            occupied[0], occupied[:, -1] = True, True
+        frames = [occupied.flip([axis for axis in range(3) if flip[axis]]) for flip in flips]
+        with torch.inference_mode():
+            planes, quaternions = network(torch.stack(frames)[:, None].float())
+        ours = CompiledNetwork(network)(occupied.numpy(), flips)
+        torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)
