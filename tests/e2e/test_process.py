@@ -121,7 +121,7 @@ def test_command_line_answers_as_the_server_does(server: Server, data: Path) -> 
     result = prsnet("detect", "--json", str(data / "chair.obj"), str(data / "README.md"))
     assert result.returncode == 1
     assert "README.md: " in result.stderr
-    printed = json.loads(result.stdout)
+    [printed] = json.loads(result.stdout)  # a list, as several files were given
     served = server.detect("chair.obj", (data / "chair.obj").read_bytes()).json()
     for answer in (printed, served):
         del answer["timings_ms"]
