@@ -41,17 +41,19 @@ def test_regularization_is_zero_for_perpendicular_half_turns_and_grows_with_over
     torch.testing.assert_close(regularization(planes, identity), torch.tensor([3.0]))
 
 
-def test_total_is_the_sum_over_samples_and_heads_averaged_over_the_batch():
+def test_total_is_the_sum_over_a_thousand_samples_and_the_heads_averaged_over_the_batch():
+    """Of fewer samples each counts for more, so that the paper's weights keep their meaning."""
     generator = torch.Generator().manual_seed(0)
     distances = torch.rand((5, 7, 6), generator=generator)
     planes = torch.nn.functional.normalize(torch.randn((5, 3, 4), generator=generator), dim=-1)
     turns = torch.nn.functional.normalize(torch.randn((5, 3, 4), generator=generator), dim=-1)
     losses = combine(distances, planes, turns, weight=25.0, best_head=0.0)
+    share = 1000 / 7
     expected = sum(
-        float(distances[shape, :, head].sum()) for shape in range(5) for head in range(6)
+        share * float(distances[shape, :, head].sum()) for shape in range(5) for head in range(6)
     ) / 5 + 25.0 * float(regularization(planes, turns).mean())
     np.testing.assert_allclose(float(losses.total), expected, rtol=1e-5)
     with_best = combine(distances, planes, turns, weight=25.0, best_head=2.0)
-    best = float(distances[..., :3].sum(1).amin(1).mean())
+    best = share * float(distances[..., :3].sum(1).amin(1).mean())
     np.testing.assert_allclose(float(with_best.total - losses.total), 2.0 * 3.0 * best, rtol=1e-4)
     torch.testing.assert_close(losses.plane_errors, distances[..., :3].mean(1))
