@@ -39,6 +39,9 @@ class Exit(IntEnum):
 Weights = Annotated[str, typer.Option(help='"default", "paper", or the path of a .safetensors file.')]
 Url = Annotated[str | None, typer.Option(help="Address of a running service to ask instead of computing here.")]
 ApiKey = Annotated[str | None, typer.Option(envvar="PRSNET_API_KEY", help="Key for that service, if it wants one.")]
+MeshFile = Annotated[Path, typer.Argument(help="Mesh file.")]
+OutputFile = Annotated[Path, typer.Option("--output", "-o", help="File to write: .ply, .glb, .obj or .stl.")]
+Offset = Annotated[float, typer.Option(help="With --normal: the plane is normal·x + offset = 0.")]
 MaxError = Annotated[float, typer.Option(help="Largest symmetry error, unit frame (at most 1).")]
 
 
@@ -108,7 +111,8 @@ def detect(
     if up not in (None, "y", "z"):
         raise typer.BadParameter("must be y or z", param_hint="--up")
     format: Format = "json" if as_json else "jsonl" if as_lines else "csv" if as_csv else "bop" if as_bop else "table"
-    include: list[Include] = ["rejected"] * rejected + ["bop"] * as_bop  # type: ignore[list-item]
+    wanted: dict[Include, bool] = {"rejected": rejected, "bop": as_bop}
+    include: list[Include] = [name for name, asked in wanted.items() if asked]
     if glb or png:
         output.mkdir(parents=True, exist_ok=True)
     task = Task(
@@ -130,10 +134,10 @@ def detect(
 
 @app.command()
 def complete(
-    file: Annotated[Path, typer.Argument(help="Mesh file.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .ply, .glb, .obj or .stl.")],
+    file: MeshFile,
+    output: OutputFile,
     normal: Annotated[str | None, typer.Option(help="Plane to mirror at, as x,y,z (default: the best found).")] = None,
-    offset: Annotated[float, typer.Option(help="With --normal: the plane is normal·x + offset = 0.")] = 0.0,
+    offset: Offset = 0.0,
     symmetrize: Annotated[bool, typer.Option("--symmetrize", help="Also average both halves.")] = False,
     max_error: MaxError = 4e-4,
     weights: Weights = "default",
@@ -174,10 +178,10 @@ def complete(
 
 @app.command()
 def halve(
-    file: Annotated[Path, typer.Argument(help="Mesh file.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File to write: .ply, .glb, .obj or .stl.")],
+    file: MeshFile,
+    output: OutputFile,
     normal: Annotated[str | None, typer.Option(help="Plane to cut at, as x,y,z (default: the best found).")] = None,
-    offset: Annotated[float, typer.Option(help="With --normal: the plane is normal·x + offset = 0.")] = 0.0,
+    offset: Offset = 0.0,
     other: Annotated[bool, typer.Option("--other", help="Keep the side the normal points away from.")] = False,
     max_error: MaxError = 4e-4,
     weights: Weights = "default",

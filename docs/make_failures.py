@@ -23,8 +23,8 @@ from model.surface import SurfaceIndex
 from model.transforms import reflect
 from model.types import FloatArray, IntArray
 from training.damage import show
+from training.layouts import find_meshes
 from training.matching import nearest_clear_plane
-from training.prepare import find_meshes
 from training.truth import Truth, load
 
 ROOT = Path(__file__).parents[1]
@@ -62,8 +62,7 @@ def judge(detector: Detector, path: Path, name: str, index: int, truth: Truth) -
     if true is None:
         return None
     gte = float(np.square(true - planes[best]).sum())
-    back = shown.similarity.planes_to_shown(true[None])[0]
-    back[3] = (back[3] + back[:3] @ frame.center) / frame.scale
+    back = frame.plane_to_unit(shown.similarity.planes_to_shown(true[None])[0])
     return Failure(name, gte, vertices, shown.faces, raw[best], back)
 
 

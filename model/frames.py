@@ -59,6 +59,11 @@ class UnitFrame:
         normal = plane[:3]
         return np.append(normal, plane[3] * self.scale - normal @ self.center)
 
+    def plane_to_unit(self, plane: FloatArray) -> FloatArray:
+        """A plane ``(n, d)`` ``(4,)`` of the input frame in the unit frame."""
+        normal = plane[:3]
+        return np.append(normal, (plane[3] + normal @ self.center) / self.scale)
+
 
 def triangle_areas(corners: FloatArray) -> FloatArray:
     """Areas of triangles ``(f, 3 corners, 3)``: ``(f,)``."""

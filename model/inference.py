@@ -1,4 +1,4 @@
-"""The trained network arranged for inference on a CPU: the same numbers as `PRSNet.forward`, in a third of the time.
+"""The trained network arranged for inference on a CPU: the same numbers as `PRSNet.forward`, in less time.
 
 - A surface fills a few per cent of its grid. Convolution 3^3 and pooling 2^3 together make each output cell of the
   first block a function of the 4^3 voxels around it; where those are empty the output is a constant. Every voxel adds

@@ -69,7 +69,7 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
     frame = UnitFrame.of(mesh.vertices, mesh.faces)
     own, faces = merged(mesh)
     vertices = frame.to_unit(own)
-    plane = np.append(plane[:3], (plane[3] + plane[:3] @ frame.center) / frame.scale)
+    plane = frame.plane_to_unit(plane)
     surface = SurfaceIndex(vertices, faces)
     samples = reflect(sample_surface(vertices, faces, _SAMPLES, seed=0)[0], plane)
     error = surface.mean_squared_distance(samples)

@@ -4,6 +4,7 @@ Imports stand inside the commands: `fit` must start on a machine that has no mes
 """
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -221,40 +222,22 @@ def evaluate(
     """Judge raw networks and paper mode, or full mode, beside other methods: exact distances, one table."""
     if mode not in ("paper", "full"):
         raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
-    if mode == "full":
-        from training.full_command import run as run_full
-        from training.full_evaluation import Options
+    from training import full_command, network_command
+    from training.evaluate import Options as NetworkOptions
+    from training.full_evaluation import Options as FullOptions
 
-        chosen = Options(
-            damage, tuple(methods.split(",")), (weights or ["default"])[0], max_error, seed, exhaustive_limit
-        )
-        try:
+    try:
+        if mode == "full":
             if len(weights or []) > 1:
                 raise ValueError("full mode is judged with one set of weights")
-            text = run_full(
-                folders,
-                chosen,
-                with_ablation=ablation,
-                by=by,
-                manifest=manifest,
-                json_file=json_file,
-                limit=limit,
-                ground_truth=ground_truth,
-                workers=workers,
-                progress=progress,
+            options = FullOptions(
+                damage, tuple(methods.split(",")), (weights or ["default"])[0], max_error, seed, exhaustive_limit
             )
-        except (ValueError, OSError) as error:
-            raise typer.BadParameter(str(error)) from error
-        typer.echo(text)
-        return
-    from training.evaluate import Options as NetworkOptions
-    from training.network_command import run as run_networks
-
-    networks = NetworkOptions(tuple(weights or ["default", "paper"]), damage, seed)
-    try:
-        text = run_networks(
-            folders,
-            networks,
+            judge = partial(full_command.run, folders, options, with_ablation=ablation)
+        else:
+            judged = NetworkOptions(tuple(weights or ["default", "paper"]), damage, seed)
+            judge = partial(network_command.run, folders, judged)
+        text = judge(
             by=by,
             manifest=manifest,
             json_file=json_file,

@@ -26,9 +26,8 @@ from model.transforms import reflect
 from model.types import FloatArray
 from training.baselines import box_planes, pca_planes, untrained
 from training.damage import DAMAGES, Shown, show
-from training.groundtruth import find_symmetries
-from training.known_truth import written_truth
-from training.layouts import SourceFile, find_meshes, parse
+from training.known_truth import truth_of
+from training.layouts import SourceFile, draw_meshes, parse
 from training.matching import clear_axes_found, clear_planes_found, ground_truth_error, nearest_clear_plane
 from training.parallel import spread
 from training.truth import Truth, load
@@ -72,7 +71,7 @@ def evaluate(
     """Judge weights and their rivals on the meshes below ``folders``.
 
     Args:
-        folders: searched by `training.prepare.find_meshes`. A ``ground_truth.json`` that `training shapes` wrote beside
+        folders: searched by `training.layouts.find_meshes`. A ``ground_truth.json`` that `training shapes` wrote beside
             the meshes is used.
         options: what to do.
         limit: judge so many shapes, drawn at random.
@@ -89,10 +88,7 @@ def evaluate(
     if options.damage not in DAMAGES:
         raise ValueError(f"damage is one of {', '.join(DAMAGES)}, not {options.damage!r}")
     known: Mapping[str, Truth] = load(ground_truth) if ground_truth is not None else {}
-    sources = list(enumerate(find_meshes(folders)))
-    if limit is not None and limit < len(sources):
-        chosen = np.random.default_rng(options.seed).permutation(len(sources))[:limit]
-        sources = [sources[row] for row in sorted(chosen)]
+    sources = draw_meshes(folders, limit, np.random.default_rng(options.seed))
     jobs = [_Job(source, index, known.get(source.name), options) for index, source in sources]
     found = spread(_judge_file, jobs, workers, chunk=4)
     return list(tqdm(found, total=len(jobs), unit="mesh", disable=not progress))
@@ -117,8 +113,7 @@ def _judge_file(job: _Job) -> dict[str, Any]:
         UnitFrame.of(shown.vertices, shown.faces)
     except (PRSNetError, OSError) as error:
         return head | {"skipped": str(error)}
-    written = written_truth(job.source.path, frame)
-    truth = written[0] if written is not None else job.truth or find_symmetries(mesh.vertices, mesh.faces)
+    truth, _ = truth_of(job.source.path, mesh, frame, job.truth)
     return head | judge(mesh, shown, truth, _detectors(job.options.weights))
 
 

@@ -1,14 +1,15 @@
 """What `training evaluate --mode full` does from its arguments to the text it prints."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from training.full_evaluation import Options, evaluate
 from training.full_methods import ablation
-from training.full_report import render, render_by, summarise
-from training.grouping import groups_of, read_column
+from training.full_report import render, summarise
+from training.grouping import groups_of, read_column, render_by
 
 
 def run(
@@ -56,6 +57,10 @@ def run(
         resume=part,
         progress=progress,
     )
+
+    def table(members: Sequence[Mapping[str, Any]]) -> str:
+        return render(summarise(members, options.max_error), options.damage)
+
     report = summarise(records, options.max_error)
     if json_file is not None and part is not None:
         document = {"options": asdict(options), "figures": report, "shapes": records}
@@ -65,6 +70,5 @@ def run(
     if with_ablation:
         texts.append(f"## Sources of proposals\n\n{render(report, options.damage, ablation=True)}")
     if by is not None:
-        groups = groups_of(records, by, column)
-        texts.append(f"## By {by}\n\n{render_by(records, groups, options.damage, options.max_error)}")
+        texts.append(f"## By {by}\n\n{render_by(records, groups_of(records, by, column), table)}")
     return "\n\n".join(texts)

@@ -24,9 +24,8 @@ from model.types import FloatArray
 from model.validation import MAX_ERROR
 from training.damage import DAMAGES, show
 from training.full_methods import Answer, answer, check
-from training.groundtruth import find_symmetries
-from training.known_truth import plane_to_unit, written_truth
-from training.layouts import SourceFile, find_meshes, parse
+from training.known_truth import truth_of
+from training.layouts import SourceFile, draw_meshes, parse
 from training.matching import Found, FoundAxis, clear, match
 from training.parallel import spread
 from training.truth import Truth, load
@@ -93,10 +92,8 @@ def evaluate(
     if options.damage not in DAMAGES:
         raise ValueError(f"damage is one of {', '.join(DAMAGES)}, not {options.damage!r}")
     known: Mapping[str, Truth] = load(ground_truth) if ground_truth is not None else {}
-    sources = list(enumerate(find_meshes(folders)))
     rng = np.random.default_rng(options.seed)
-    if limit is not None and limit < len(sources):
-        sources = [sources[row] for row in sorted(rng.permutation(len(sources))[:limit])]
+    sources = draw_meshes(folders, limit, rng)
     slow = set(rng.permutation(len(sources))[: options.exhaustive_limit].tolist())
     records = _resumed(resume, options)
     jobs = [
@@ -148,11 +145,7 @@ def _judge_file(job: _Job) -> dict[str, Any]:
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
     except (PRSNetError, OSError) as error:
         return head | {"skipped": str(error)}
-    written = written_truth(job.source.path, frame)
-    if written is not None:
-        truth, group = written
-    else:
-        truth, group = job.truth or find_symmetries(mesh.vertices, mesh.faces), None
+    truth, group = truth_of(job.source.path, mesh, frame, job.truth)
     return head | {"group": group} | judge(mesh, truth, job.index, job.methods, job.options)
 
 
@@ -191,7 +184,7 @@ def judge(mesh: Mesh, truth: Truth, index: int, methods: Sequence[str], options:
                 for axis in found.axes
             ],
         )
-        fresh = [seen.plane(plane_to_unit(plane, frame)) for plane in found.planes]
+        fresh = [seen.plane(frame.plane_to_unit(plane)) for plane in found.planes]
         fresh += [seen.axis(axis.direction, frame.to_unit(axis.point), axis.order) for axis in found.axes]
         records[method] = _record(given, in_unit, truth, certain, whole, fresh)
     return {
@@ -201,7 +194,7 @@ def judge(mesh: Mesh, truth: Truth, index: int, methods: Sequence[str], options:
         "clear_axes": len(certain.axes),
         "truth_planes": len(truth.planes),
         "shown_sde": [
-            seen.plane(plane_to_unit(plane, frame)) for plane in shown.similarity.planes_to_shown(certain.planes)
+            seen.plane(frame.plane_to_unit(plane)) for plane in shown.similarity.planes_to_shown(certain.planes)
         ],
         "listed": len(truth.planes) + len(truth.axes),
         "methods": records,

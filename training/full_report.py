@@ -187,14 +187,3 @@ def render(report: Mapping[str, Any], damage: str, *, ablation: bool = False) ->
                 stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in figures["stages_p50"].items())
                 lines += ["", f"{TITLES.get(name, name)}, median wall-clock milliseconds a stage: {stages}"]
     return "\n".join(lines)
-
-
-def render_by(records: Sequence[Mapping[str, Any]], groups: Mapping[str, str], damage: str, max_error: float) -> str:
-    """One table for each group of shapes; ``groups`` names the group of every record by its name."""
-    tables: list[str] = []
-    for group in sorted(set(groups.values())):
-        members = [record for record in records if groups.get(record["name"]) == group]
-        if all("skipped" in record for record in members):
-            continue
-        tables.append(f"### {group}\n\n{render(summarise(members, max_error), damage)}")
-    return "\n\n".join(tables)

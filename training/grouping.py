@@ -1,7 +1,7 @@
 """Which group of shapes a record of an evaluation belongs to: its source, or what a manifest says of it."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,3 +38,17 @@ def groups_of(records: Sequence[Mapping[str, Any]], by: str, column: Mapping[str
     if by == SOURCE:
         return {record["name"]: str(record["source"]) for record in records}
     return {record["name"]: column.get(record["name"], "(not in the manifest)") for record in records}
+
+
+def render_by(
+    records: Sequence[Mapping[str, Any]],
+    groups: Mapping[str, str],
+    table: Callable[[Sequence[Mapping[str, Any]]], str],
+) -> str:
+    """One table for each group of shapes; ``groups`` names the group of every record by its name."""
+    texts: list[str] = []
+    for group in sorted(set(groups.values())):
+        members = [record for record in records if groups.get(record["name"]) == group]
+        if any("skipped" not in record for record in members):
+            texts.append(f"### {group}\n\n{table(members)}")
+    return "\n\n".join(texts)

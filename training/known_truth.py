@@ -6,13 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from model.frames import UnitFrame
+from model.mesh import Mesh
 from model.types import FloatArray
+from training.groundtruth import find_symmetries
 from training.truth import Truth, TruthAxis
 
 
-def plane_to_unit(plane: FloatArray, frame: UnitFrame) -> FloatArray:
-    """A plane (n, d) ``(4,)`` of the input frame in the unit frame."""
-    return np.append(plane[:3], (plane[3] + plane[:3] @ frame.center) / frame.scale)
+def truth_of(path: Path, mesh: Mesh, frame: UnitFrame, known: Truth | None) -> tuple[Truth, str | None]:
+    """What `training shapes` wrote down, else what is ``known``, else what a search finds; and the group if written."""
+    written = written_truth(path, frame)
+    return written or (known or find_symmetries(mesh.vertices, mesh.faces), None)
 
 
 def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
@@ -26,7 +29,7 @@ def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
     entry = json.loads(file.read_text(encoding="utf-8")).get(path.name)
     if entry is None:
         return None
-    planes = [plane_to_unit(np.array(plane), frame) for plane in entry["planes"]]
+    planes = [frame.plane_to_unit(np.array(plane)) for plane in entry["planes"]]
     axes = [
         TruthAxis(np.array(axis["direction"]), frame.to_unit(np.array(axis["point"])), axis["order"], 0.0)
         for axis in entry["axes"]

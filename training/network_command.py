@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from training.evaluate import Options, evaluate
-from training.grouping import groups_of, read_column
-from training.network_report import render, render_by, summarise
+from training.grouping import groups_of, read_column, render_by
+from training.network_report import render, summarise
 
 
 def run(

@@ -14,7 +14,7 @@ What the columns say:
 - *ms*: median CPU milliseconds of the network, all frames and passes it needs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -113,17 +113,3 @@ def render(report: Mapping[str, Any], damage: str) -> str:
         cells = [form.format(figures[key]) if key in figures else "" for key, _, form in columns]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
-
-
-def render_by(
-    records: Sequence[Mapping[str, Any]],
-    groups: Mapping[str, str],
-    table: Callable[[Sequence[Mapping[str, Any]]], str],
-) -> str:
-    """One table for each group of shapes; ``groups`` names the group of every record by its name."""
-    texts: list[str] = []
-    for group in sorted(set(groups.values())):
-        members = [record for record in records if groups.get(record["name"]) == group]
-        if any("skipped" not in record for record in members):
-            texts.append(f"### {group}\n\n{table(members)}")
-    return "\n\n".join(texts)

@@ -18,7 +18,8 @@ from training.__main__ import app
 from training.full_command import run
 from training.full_evaluation import Options, evaluate
 from training.full_methods import Answer
-from training.full_report import render, render_by, summarise
+from training.full_report import render, summarise
+from training.grouping import render_by
 from training.known_truth import written_truth
 from training.matching import Found, FoundAxis
 from training.shapes import write_shapes
@@ -165,7 +166,7 @@ def test_an_interrupted_run_goes_on_where_it_was(folder: Path, tmp_path: Path, m
 def test_tables_by_source_and_by_a_column(folder: Path, tmp_path: Path):
     records = evaluate([folder], Options(methods=("full",)), progress=False)
     groups = {record["name"]: "even" if record["faces"] % 4 == 0 else "odd" for record in records}
-    text = render_by(records, groups, "clean", 4e-4)
+    text = render_by(records, groups, lambda members: render(summarise(members, 4e-4), "clean"))
     assert text.count("| method |") == len(set(groups.values()))
     manifest = tmp_path / "manifest.csv"
     manifest.write_text("path,kind\n" + "".join(f"{record['name']},toy\n" for record in records[1:]))

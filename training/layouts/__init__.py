@@ -19,7 +19,7 @@ from training.layouts import abc_dataset, modelnet, plain, shapenet, thingi10k
 from training.layouts._files import SourceFile
 from training.layouts._manifest import Manifest
 
-__all__ = ["SourceFile", "find_meshes", "parse"]
+__all__ = ["SourceFile", "draw_meshes", "find_meshes", "parse"]
 
 _LAYOUTS = (shapenet, modelnet, abc_dataset, thingi10k, plain)
 """The first that recognises a folder lists it; `plain` recognises every one."""
@@ -56,6 +56,18 @@ def find_meshes(folders: Sequence[Path], *, split: str | None = None, manifest: 
         if not found:
             raise ValueError(f"no mesh below the folders given is said to be of the split {split!r}")
     return sorted(found, key=lambda source: source.name)
+
+
+def draw_meshes(folders: Sequence[Path], limit: int | None, rng: np.random.Generator) -> list[tuple[int, SourceFile]]:
+    """The meshes below ``folders`` by name, at most ``limit`` of them drawn at random, each with its place among all.
+
+    Raises:
+        ValueError: there is none (`find_meshes`).
+    """
+    sources = list(enumerate(find_meshes(folders)))
+    if limit is None or limit >= len(sources):
+        return sources
+    return [sources[row] for row in sorted(rng.permutation(len(sources))[:limit])]
 
 
 def parse(data: bytes, filename: str) -> Mesh:
