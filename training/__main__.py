@@ -98,6 +98,9 @@ def fit(
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="SECTION.FIELD=VALUE instead of the recipe's; may be repeated.")
     ] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Weights to begin with, as in `default` or a .safetensors file, not random ones.")
+    ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads of torch.")] = 1,
     amp: Annotated[
         str | None, typer.Option(help="bf16: convolutions in bfloat16, for GPUs; the loss stays in float32.")
@@ -113,6 +116,7 @@ def fit(
     """
     import torch
 
+    from model.errors import PRSNetError
     from training.fit import fit as train
     from training.mixture import Mixture
     from training.monitor import CollapseError
@@ -132,7 +136,12 @@ def fit(
         data = PreparedSet(prepared)
         if mix:
             data = Mixture(data, [_share(entry) for entry in mix])
-    except ValueError as error:
+        begin = None
+        if start is not None:
+            from model.checkpoint import load_checkpoint
+
+            begin = load_checkpoint(start)
+    except (ValueError, PRSNetError) as error:
         raise typer.BadParameter(str(error)) from error
     bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress and main)
     try:
@@ -140,6 +149,7 @@ def fit(
             chosen,
             data,
             run,
+            start=begin,
             device=device,
             precision="float32" if amp is None else "bf16",
             max_seconds=None if max_minutes is None else 60.0 * max_minutes,

@@ -56,6 +56,7 @@ def export_run(
         "recipe": recipe.to_dict(),
         "seed": recipe.seed,
         "data": identity["data"],
+        **({"start": identity["start"]} if "start" in identity else {}),
         "git_revision": (run / "revision").read_text(),
         "metrics": {
             "training": {"step": int(state["step"]), **state["metrics"]},

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -27,6 +27,9 @@ from training.records import RunLog, Writer, append, save, trim
 from training.revision import git_revision
 from training.sampling import Sampler
 from training.store import ShapeStore
+
+if TYPE_CHECKING:  # a bare machine may have no safetensors
+    from model.checkpoint import Checkpoint
 
 VALIDATION_SHAPES = 512
 EARLY_STEPS = 20
@@ -60,6 +63,7 @@ def fit(
     prepared: PreparedSet,
     run: str | Path,
     *,
+    start: "Checkpoint | None" = None,
     device: str | None = None,
     precision: Precision = "float32",
     log_every: int = 100,
@@ -77,6 +81,8 @@ def fit(
         prepared: the data.
         run: folder of the run: `run.json` (recipe and data), `revision`, `log.txt`, `curve.csv`, `last.pt`, `best.pt`
             (lowest validation loss). The main process alone writes.
+        start: weights of the recipe's architecture to begin with instead of random ones, such as the shipped ones on
+            other data. Statistics of batch normalisation come with them; the optimiser starts anew.
         device: ``cuda``, ``cpu``, ...; by default a GPU where there is one.
         precision: ``bf16`` runs the convolutions in bfloat16; the loss stays in float32.
         log_every: steps between lines of the curve.
@@ -91,14 +97,15 @@ def fit(
         the path of the best checkpoint.
 
     Raises:
-        ValueError: ``run`` holds a run of another recipe or other data, there is nothing to train on, there are no
-            labels where the recipe asks for them, or the batch cannot be divided among the processes.
+        ValueError: ``run`` holds a run of another recipe or other data or from another start, there is nothing to train
+            on, there are no labels where the recipe asks for them, ``start`` is of another architecture, or the batch
+            cannot be divided among the processes.
         CollapseError: the predictions have not followed the input for a large part of the run.
         FloatingPointError: the loss or the gradient is not finite.
     """
     world = join(device)
     try:
-        trainer = _Trainer(recipe, prepared, Path(run), world, precision, on_derive, on_message)
+        trainer = _Trainer(recipe, prepared, Path(run), start, world, precision, on_derive, on_message)
         return trainer.train(log_every, validate_every, max_seconds, on_progress, writer)
     finally:
         world.close()
@@ -112,6 +119,7 @@ class _Trainer:
         recipe: Recipe,
         prepared: PreparedSet,
         run: Path,
+        start: "Checkpoint | None",
         world: World,
         precision: Precision,
         on_derive: Callable[[int, int], None] | None,
@@ -125,7 +133,9 @@ class _Trainer:
         train_index, validation_index = prepared.split(recipe.validation_share)
         self.sampler = Sampler(prepared, train_index, recipe)
         world.part(self.sampler.batch)
-        self._claim(prepared)
+        if start is not None and start.network.architecture != recipe.network:
+            raise ValueError(f"{start.metadata['name']} has another architecture than the recipe")
+        self._claim(prepared, start)
         self.log = RunLog(run / "log.txt", on_message) if world.main else None
         self.store = world.in_turn(lambda: ShapeStore(prepared, world.device, recipe.loss.grid, on_derive))
         held_out = torch.from_numpy(validation_index if len(validation_index) else train_index)
@@ -133,6 +143,8 @@ class _Trainer:
 
         torch.manual_seed(recipe.seed)
         self.network = PRSNet(recipe.network).to(world.device)
+        if start is not None:
+            self.network.load_state_dict(start.network.state_dict())
         self.network.to(memory_format=torch.channels_last_3d)  # pyright: ignore[reportCallIssue] - not in the stubs
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=recipe.optimizer.learning_rate)
         self.step, self.best = 0, math.inf
@@ -146,22 +158,27 @@ class _Trainer:
         if precision != "float32":
             keep_heads_exact(self.network)
         self.wrapped = world.wrapped(self.network)
-        start = f"resumed at step {self.step}" if self.step else "began"
+        verb = f"resumed at step {self.step}" if self.step else "began"
         self._say(
-            f"{start}: {recipe.name}, {len(train_index)} shapes to train on, {len(self.held_out)} to validate with, "
+            f"{verb}: {recipe.name}, {len(train_index)} shapes to train on, {len(self.held_out)} to validate with, "
             f"{world.size} process(es), {world.device.type}, {precision}, torch {torch.__version__}"
         )
 
-    def _claim(self, prepared: PreparedSet) -> None:
+    def _claim(self, prepared: PreparedSet, start: "Checkpoint | None") -> None:
         """Make the folder that of this recipe and these data, or find that it is."""
         if not self.world.main:
             return
         data = prepared.record() | ({"labels": prepared.labels} if self.labels is not None else {})
-        identity = json.dumps({"recipe": self.recipe.to_dict(), "data": data}, indent=1, sort_keys=True)
+        record: dict[str, Any] = {"recipe": self.recipe.to_dict(), "data": data}
+        if start is not None:
+            record["start"] = {key: start.metadata[key] for key in ("name", "version", "sha256")}
+        identity = json.dumps(record, indent=1, sort_keys=True)
         self.run.mkdir(parents=True, exist_ok=True)
         stamp = self.run / "run.json"
         if stamp.is_file() and not _same(json.loads(stamp.read_text()), json.loads(identity)):
-            raise ValueError(f"{self.run} holds a run of another recipe or other data; choose another folder")
+            raise ValueError(
+                f"{self.run} holds a run of another recipe or other data, or from another start; choose another folder"
+            )
         if not stamp.is_file():
             stamp.write_text(identity)
             (self.run / "revision").write_text(git_revision())
@@ -261,4 +278,4 @@ def _same(begun: dict[str, Any], now: dict[str, Any]) -> bool:
         recipes = [Recipe.from_dict(record["recipe"]) for record in (begun, now)]
     except ValueError:  # a field that is no more
         return False
-    return recipes[0] == recipes[1] and begun["data"] == now["data"]
+    return recipes[0] == recipes[1] and all(begun.get(key) == now.get(key) for key in ("data", "start"))

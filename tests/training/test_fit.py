@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import torch
 
+from model.checkpoint import load_checkpoint
 from model.network import PRSNet
+from training.export import export_run
 from training.fit import fit, learning_rate
 from training.objective import validate
 from training.prepare import Options, prepare
@@ -148,3 +150,29 @@ assert voxels.sum() > 40, voxels.sum()
 """
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], cwd=root, check=True, timeout=120)
+
+
+def test_a_run_begins_with_given_weights(prepared: PreparedSet, tmp_path: Path):
+    first = fit(TINY, prepared, tmp_path / "first", device="cpu").parent
+    export_run(first, tmp_path / "first.safetensors", which="last")
+    start = load_checkpoint(tmp_path / "first.safetensors")
+    still = TINY.replace(optimizer={"steps": 1, "learning_rate": 0.0})
+    second = fit(still, prepared, tmp_path / "second", start=start, device="cpu").parent
+    for name, tensor in weights(first / "last.pt").items():
+        # Normalisation counts what it has seen; nothing else moves at a rate of zero.
+        if "running" not in name and "tracked" not in name:
+            assert torch.equal(tensor, weights(second / "last.pt")[name]), name
+    export_run(second, tmp_path / "second.safetensors")
+    record = load_checkpoint(tmp_path / "second.safetensors").metadata
+    assert record["start"] == {key: start.metadata[key] for key in ("name", "version", "sha256")}
+
+
+def test_another_start_or_architecture_is_refused(prepared: PreparedSet, tmp_path: Path):
+    run = fit(TINY, prepared, tmp_path / "run", device="cpu").parent
+    export_run(run, tmp_path / "weights.safetensors")
+    start = load_checkpoint(tmp_path / "weights.safetensors")
+    with pytest.raises(ValueError, match="from another start"):
+        fit(TINY, prepared, run, start=start, device="cpu")
+    with pytest.raises(ValueError, match="another architecture"):
+        fit(TINY.replace(network={"width": 2}), prepared, tmp_path / "wide", start=start, device="cpu")
+    assert not (tmp_path / "wide").exists()
