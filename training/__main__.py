@@ -280,6 +280,24 @@ def groundtruth(
 
 
 @app.command()
+def heldout(
+    prepared: Annotated[Path, typer.Argument(help="Folder that `prepare` wrote and `label` labelled.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the meshes and their truth.json.")],
+    share: Annotated[float, typer.Option(min=0.0, max=1.0, help="The recipe's validation_share.")] = 0.05,
+    limit: Annotated[int | None, typer.Option(min=1, help="Write so many of them, drawn at random.")] = None,
+) -> None:
+    """Write the shapes `fit` keeps for validation as meshes: settings are chosen on them, with `evaluate`."""
+    from training.heldout import TRUTH_FILE, write_held_out
+    from training.prepared import PreparedSet
+
+    try:
+        count = write_held_out(PreparedSet(prepared), out, share, limit)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(f"{count} shapes in {out}; judge with `training evaluate {out} --groundtruth {out / TRUTH_FILE}`")
+
+
+@app.command()
 def shapes(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the PLY files and ground_truth.json.")],
     count: Annotated[int, typer.Option(min=1)] = 100,

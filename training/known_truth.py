@@ -35,14 +35,7 @@ def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
         for axis in entry["axes"]
     ]
     endless = [axis for axis in axes if axis.order is None]
-    through: list[FloatArray] = []
-    if len(endless) == 1:
-        direction = endless[0].direction
-        first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-        first /= np.linalg.norm(first)
-        for normal in (first, np.cross(direction, first)):
-            offset = -float(normal @ endless[0].point)
-            through.append(np.array([*normal, offset]))
+    through = planes_through(endless[0]) if len(endless) == 1 else []
     continuous = [len(endless) > 1] * len(planes) + [True] * len(through)
     truth = Truth(
         center=frame.center,
@@ -53,3 +46,12 @@ def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
         axes=axes,
     )
     return truth, entry["point_group"]
+
+
+def planes_through(axis: TruthAxis) -> list[FloatArray]:
+    """The two perpendicular planes (n, d) that stand for all planes through a continuous axis in a list."""
+    first: FloatArray = np.eye(3)[np.argmin(np.abs(axis.direction))]
+    first = first - (first @ axis.direction) * axis.direction
+    first /= np.linalg.norm(first)
+    second = np.array(np.cross(axis.direction, first), dtype=np.float64)
+    return [np.append(normal, -normal @ axis.point) for normal in (first, second)]

@@ -182,7 +182,7 @@ def write_shapes(
     for index in range(count):
         shape = generate(names[index % len(names)], np.random.default_rng([seed, index]), pose=pose)
         path = directory / f"{index:05d}_{shape.name}_{shape.point_group}.ply"
-        path.write_bytes(_binary_ply(shape))
+        path.write_bytes(binary_ply(shape.vertices, shape.faces))
         paths.append(path)
         axes = [{"direction": a.direction.tolist(), "point": a.point.tolist(), "order": a.order} for a in shape.axes]
         truth[path.name] = {
@@ -195,13 +195,13 @@ def write_shapes(
     return paths
 
 
-def _binary_ply(shape: KnownShape) -> bytes:
-    """Return the file's bytes, in double precision: in single, exact symmetry would end at 1e-7."""
+def binary_ply(vertices: FloatArray, faces: IntArray) -> bytes:
+    """The bytes of a PLY file in double precision: in single, exact symmetry would end at 1e-7."""
     header = (
         "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(shape.vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
-        f"element face {len(shape.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
-    faces = np.empty(len(shape.faces), dtype=[("count", "u1"), ("indices", "<i4", (3,))])
-    faces["count"], faces["indices"] = 3, shape.faces
-    return header.encode("ascii") + shape.vertices.astype("<f8").tobytes() + faces.tobytes()
+    records = np.empty(len(faces), dtype=[("count", "u1"), ("indices", "<i4", (3,))])
+    records["count"], records["indices"] = 3, faces
+    return header.encode("ascii") + vertices.astype("<f8").tobytes() + records.tobytes()
