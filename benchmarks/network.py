@@ -56,7 +56,7 @@ def main(weights: list[str]) -> None:
                 flips = FLIPS[:frames]
                 batch = np.stack([np.flip(grid, [axis for axis in range(3) if flip[axis]]) for flip in flips])
                 voxels = torch.as_tensor(batch[:, None].astype(np.float32))
-                compiled.append(median_ms(partial(checkpoint.compiled, grid, flips)))
+                compiled.append(median_ms(partial(checkpoint.compiled, (grid, flips))))
                 with torch.inference_mode():
                     plain.append(median_ms(partial(checkpoint.network, voxels)))
             print(f"| {name} | {frames} | {np.median(compiled):.2f} | {np.median(plain):.2f} |", flush=True)

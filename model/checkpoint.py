@@ -30,16 +30,20 @@ class InputSpec:
     ``frame``: ``unit`` feeds the unit frame as it is (the paper), ``inertia`` the unit frame turned to the
     eigenvectors of the surface covariance. ``passes``: after each pass but the last, the input is turned into the
     frame of the predicted normals and predicted again. ``sign_frames``: 8 averages each head over the eight sign
-    choices of the frame, 1 takes the frame as it comes.
+    choices of the frame, 1 takes the frame as it comes. ``views``: 3 looks from two further frames in the last pass and
+    chooses on the voxels (`model.views`), 1 does not.
     """
 
     frame: Literal["unit", "inertia"] = "unit"
     passes: int = 1
     sign_frames: int = 1
+    views: int = 1
 
     def __post_init__(self) -> None:
-        if self.frame not in ("unit", "inertia") or not 1 <= self.passes <= 8 or self.sign_frames not in (1, 8):
-            raise ValueError("frame must be unit or inertia, passes 1 to 8, sign_frames 1 or 8")
+        if self.frame not in ("unit", "inertia") or not 1 <= self.passes <= 8:
+            raise ValueError("frame must be unit or inertia, passes 1 to 8")
+        if self.sign_frames not in (1, 8) or self.views not in (1, 3):
+            raise ValueError("sign_frames must be 1 or 8, views 1 or 3")
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ from model.surface import SurfaceIndex
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
 from model.validation import MAX_ERROR
+from model.views import choose, other_views
 
 REFINE_SAMPLES = 240
 """Surface samples that elements are refined on in full mode; they are judged on others."""
@@ -163,17 +164,19 @@ class Detector:
             faces: ``(f, 3)`` int32.
             timings: if given, ``voxelize`` and ``infer`` are filled in, in milliseconds.
         """
-        spent = {"voxelize": 0.0, "infer": 0.0}
+        checkpoint, spent = self._checkpoint, {"voxelize": 0.0, "infer": 0.0}
         mark = time.perf_counter()
-        rotation = input_rotation(self._checkpoint, vertices, faces)
-        for step in range(self._checkpoint.input.passes):
-            voxels = turned_voxels(self._checkpoint, vertices, faces, rotation)
+        rotation = input_rotation(checkpoint, vertices, faces)
+        for left in reversed(range(checkpoint.input.passes)):
+            rotations = [rotation] if left or checkpoint.input.views == 1 else [rotation, *other_views(rotation)]
+            grids = [turned_voxels(checkpoint, vertices, faces, turn) for turn in rotations]
             spent["voxelize"] += _since(mark)
             mark = time.perf_counter()
-            proposals = predict(self._checkpoint, voxels, rotation)
+            seen = predict(checkpoint, grids, rotations)
+            proposals = choose(seen, grids[0], rotation) if len(seen) > 1 else seen[0]
             spent["infer"] += _since(mark)
             mark = time.perf_counter()
-            if step + 1 < self._checkpoint.input.passes:
+            if left:
                 rotation = next_rotation(proposals, rotation)
         if timings is not None:
             timings.update(spent)

@@ -40,18 +40,17 @@ class CompiledNetwork:
         heads = [cast(nn.Sequential, head) for head in (*network.plane_heads, *network.rotation_heads)]
         self._layers = [_stacked([cast(nn.Linear, head[row]) for head in heads]) for row in (0, 2, 4)]
 
-    def __call__(self, occupied: BoolArray, flips: BoolArray) -> tuple[Tensor, Tensor]:
-        """What `PRSNet.forward` returns for one shape in several frames.
+    def __call__(self, *views: tuple[BoolArray, BoolArray]) -> tuple[Tensor, Tensor]:
+        """What `PRSNet.forward` returns for the frames of several views, in one batch.
 
         Args:
-            occupied: voxels ``(R, R, R)``.
-            flips: ``(f, 3)``, the axes along which each frame is mirrored.
+            views: of each its voxels ``(R, R, R)`` and ``(f, 3)``, the axes along which each of its frames is mirrored.
 
         Returns:
-            planes ``(f, p, 4)`` and quaternions ``(f, r, 4)``, each in its own frame.
+            planes ``(F, p, 4)`` and quaternions ``(F, r, 4)`` of all frames in order, each in its own frame.
         """
         with torch.inference_mode():
-            features = self._first_block(occupied, flips)
+            features = self._first_block(views)
             for layer in self._middle:
                 features = convolve(features, layer) if isinstance(layer, nn.Conv3d) else cast(Tensor, layer(features))
             features = features.flatten(1) if self._last is None else self._last(features)
@@ -63,16 +62,19 @@ class CompiledNetwork:
             outputs = outputs.transpose(0, 1)
             return unit_planes(outputs[:, : self._planes]), unit_quaternions(outputs[:, self._planes :])
 
-    def _first_block(self, occupied: BoolArray, flips: BoolArray) -> Tensor:
-        """``(f, c, R/2, R/2, R/2)`` float32 in the channels-last memory format."""
-        half, channels = occupied.shape[0] // 2, len(self._bias)
-        steps = np.where(flips, -1, 1).tolist()
-        mirrored: list[AnyArray] = [self._kernels[::x, ::y, ::z] for x, y, z in steps]
-        taps = kernel_array(np.stack(mirrored, axis=3).reshape(27, -1), np.float32)
-        out = np.empty((len(flips), half, half, half, channels), dtype=np.float32)
-        voxels, flags = kernel_array(occupied, np.uint8), kernel_array(flips, np.uint8)
-        slope = np.float32(LEAKY_SLOPE)
-        _first_block(voxels, taps, self._bias, self._scale, self._shift, slope, flags, out)
+    def _first_block(self, views: Sequence[tuple[BoolArray, BoolArray]]) -> Tensor:
+        """``(F, c, R/2, R/2, R/2)`` float32 in the channels-last memory format."""
+        half, channels = len(views[0][0]) // 2, len(self._bias)
+        out = np.empty((sum(len(flips) for _, flips in views), half, half, half, channels), dtype=np.float32)
+        first, slope = 0, np.float32(LEAKY_SLOPE)
+        for occupied, flips in views:
+            steps = np.where(flips, -1, 1).tolist()
+            mirrored: list[AnyArray] = [self._kernels[::x, ::y, ::z] for x, y, z in steps]
+            taps = kernel_array(np.stack(mirrored, axis=3).reshape(27, -1), np.float32)
+            voxels, flags = kernel_array(occupied, np.uint8), kernel_array(flips, np.uint8)
+            own = out[first : first + len(flips)]
+            _first_block(voxels, taps, self._bias, self._scale, self._shift, slope, flags, own)
+            first += len(flips)
         result: Tensor = torch.from_numpy(out)  # pyright: ignore[reportUnknownMemberType]
         return result.permute(0, 4, 1, 2, 3)
 

@@ -1,5 +1,6 @@
 """What the network proposes for a shape: one forward pass or several, planes and rotations in the unit frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -46,25 +47,40 @@ def turned_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray,
     return voxelize(turned, faces, checkpoint.network.architecture.resolution)
 
 
-def predict(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray) -> Proposals:
-    """One pass on ``voxels`` ``(R, R, R)``, averaged over sign frames if the weights ask for it, in the unit frame."""
-    planes, quaternions = _heads(checkpoint, voxels, checkpoint.input.sign_frames)
-    mean_planes = np.stack([_mean_plane(head) for head in planes])
-    turns = np.stack([sign_free_mean(head) for head in quaternions]) if len(quaternions) else np.zeros((0, 4))
-    return _proposals(mean_planes, turns, rotation)
+def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence[FloatArray]) -> list[Proposals]:
+    """One pass, one batch: what the heads say of each view, in the unit frame.
+
+    Args:
+        checkpoint: the network.
+        grids: the views' voxels ``(R, R, R)``. The first is averaged over sign frames if the weights ask for it; the
+            others are taken as they come.
+        rotations: from the unit frame to that of each view's voxels.
+    """
+    frames = [checkpoint.input.sign_frames] + [1] * (len(grids) - 1)
+    planes, quaternions = _heads(checkpoint, grids, frames)
+    seen: list[Proposals] = []
+    last = 0
+    for count, rotation in zip(frames, rotations, strict=True):
+        own = slice(last, last + count)
+        last += count
+        mean_planes = np.stack([_mean_plane(head) for head in planes[:, own]])
+        turns = [sign_free_mean(head) for head in quaternions[:, own]]
+        seen.append(_proposals(mean_planes, np.reshape(turns, (-1, 4)), rotation))
+    return seen
 
 
 def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
     """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
-    planes, quaternions = _heads(checkpoint, voxels, frames)
+    planes, quaternions = _heads(checkpoint, [voxels], [frames])
     return _proposals(planes.reshape(-1, 4), quaternions.reshape(-1, 4), rotation)
 
 
-def _heads(checkpoint: Checkpoint, voxels: BoolArray, frames: int) -> tuple[FloatArray, FloatArray]:
-    """Planes and quaternions ``(heads, frames, 4)`` in the frame of the voxels."""
-    signs = _SIGNS[:frames]
-    outputs = checkpoint.compiled(voxels, signs < 0)
+def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Planes and quaternions ``(heads, all frames, 4)``, those of a view in the frame of its voxels."""
+    chosen = [_SIGNS[:count] for count in frames]
+    outputs = checkpoint.compiled(*((grid, signs < 0) for grid, signs in zip(grids, chosen, strict=True)))
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
+    signs = np.concatenate(chosen)
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.
     quaternions[..., 1:] *= signs * signs.prod(1, keepdims=True)

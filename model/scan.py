@@ -36,8 +36,8 @@ class DistanceGrid:
         filled = np.argwhere(occupied)
         coordinates = (filled + 0.5) / self.resolution - 0.5
         self.centre: FloatArray = coordinates.mean(0)
-        step = max(1.0, len(filled) / points)
-        self.points: FloatArray = np.ascontiguousarray(coordinates[np.arange(0.0, len(filled), step).astype(np.int64)])
+        count = min(points, len(filled))
+        self.points: FloatArray = np.ascontiguousarray(coordinates[np.arange(count) * len(filled) // count])
 
     @cached_property
     def scan(self) -> tuple[FloatArray, FloatArray]:

@@ -180,7 +180,7 @@ def export(
     ] = None,
     checkpoint: Annotated[str, typer.Option(help="best or last")] = "best",
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="passes=N or sign_frames=N instead of the recipe's.")
+        list[str] | None, typer.Option("--set", help="passes=N, sign_frames=N or views=N instead of the recipe's.")
     ] = None,
 ) -> None:
     """Turn a training checkpoint into weights the service loads."""

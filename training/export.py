@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -46,13 +47,13 @@ def export_run(
     state = torch.load(source, map_location="cpu", weights_only=True)
     network = PRSNet(recipe.network)
     network.load_state_dict(state["network"])
-    spec = InputSpec(recipe.input.frame, recipe.inference.passes, recipe.inference.sign_frames)
+    spec = InputSpec(recipe.input.frame, **asdict(recipe.inference))
     metadata: dict[str, Any] = {
         "name": name or recipe.name,
         "version": __version__,
         "created": datetime.now(UTC).strftime("%Y-%m-%d"),
         "paper": "Gao et al., PRS-Net: Planar Reflective Symmetry Detection Net for 3D Models, TVCG 2020",
-        "input": {"frame": spec.frame, "passes": spec.passes, "sign_frames": spec.sign_frames},
+        "input": asdict(spec),
         "recipe": recipe.to_dict(),
         "seed": recipe.seed,
         "data": identity["data"],

@@ -125,6 +125,8 @@ class InferenceRecipe:
     """Forward passes: after each one the input is turned into the predicted frame."""
     sign_frames: int = 1
     """8 averages every head over the sign choices of the inertia frame in one batch; 1 takes the frame as it comes."""
+    views: int = 1
+    """3 looks from two further frames and chooses on the voxels (`model.views`); 1 does not."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from model.checkpoint import load_checkpoint, save_checkpoint
+from model.checkpoint import InputSpec, load_checkpoint, save_checkpoint
 from model.errors import CheckpointError
 from model.network import Architecture, PRSNet
 
 METADATA = {
-    "name": "test", "version": "0", "input": {"frame": "inertia", "passes": 2, "sign_frames": 8},
+    "name": "test", "version": "0", "input": {"frame": "inertia", "passes": 2, "sign_frames": 8, "views": 3},
     "recipe": {}, "seed": 0, "data": {}, "git_revision": "none", "metrics": {},
 }  # fmt: skip
 
@@ -35,7 +35,7 @@ def test_comes_back_the_same_and_ready_for_inference(saved: Path):
     original = PRSNet(Architecture(resolution=8, width=2, batch_norm=True)).state_dict()
     loaded = load_checkpoint(saved)
     assert loaded.network.architecture == Architecture(resolution=8, width=2, batch_norm=True)
-    assert (loaded.input.frame, loaded.input.passes, loaded.input.sign_frames) == ("inertia", 2, 8)
+    assert loaded.input == InputSpec("inertia", 2, 8, 3)
     assert not loaded.network.training
     for key, value in loaded.network.state_dict().items():
         assert torch.equal(value, original[key])

@@ -119,6 +119,18 @@ def test_the_compiled_network_gives_the_same_planes(batch_norm: bool, resolution
         frames = [occupied.flip([axis for axis in range(3) if flip[axis]]) for flip in flips]
         with torch.inference_mode():
             planes, quaternions = network(torch.stack(frames)[:, None].float())
-        ours = CompiledNetwork(network)(occupied.numpy(), flips)
+        ours = CompiledNetwork(network)((occupied.numpy(), flips))
         torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)
+
+
+def test_views_of_one_batch_do_not_touch_each_other():
+    torch.manual_seed(1)
+    compiled = CompiledNetwork(PRSNet(Architecture(resolution=8, batch_norm=True, channels=(4, 6, 8))).eval())
+    flips = np.array(list(product((False, True), repeat=3)))
+    grids = [(torch.rand([8] * 3) < filling).numpy() for filling in (0.1, 0.4)]
+    views = [(grids[0], flips), (grids[1], flips[:1]), (grids[0], flips[2:4])]
+    together = compiled(*views)
+    alone = [compiled(view) for view in views]
+    for row, outputs in enumerate(together):
+        torch.testing.assert_close(outputs, torch.cat([answer[row] for answer in alone]), atol=1e-6, rtol=1e-5)

@@ -27,7 +27,7 @@ RECIPE = Recipe.from_dict({
     "input": {"frame": "inertia"},
     "loss": {"samples": 200},
     "optimizer": {"steps": 2, "batch": 8},
-    "inference": {"passes": 2, "sign_frames": 8},
+    "inference": {"passes": 2, "sign_frames": 8, "views": 3},
 })  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def test_export_keeps_the_whole_record(exported: Path, prepared: PreparedSet):
     assert record["name"] == "mine"
     assert Recipe.from_dict(record["recipe"]) == RECIPE
     assert record["data"] == {"manifest_sha256": prepared.sha256, "shapes": 96, "skipped": 0}
-    assert record["input"] == {"frame": "inertia", "passes": 2, "sign_frames": 8}
+    assert record["input"] == {"frame": "inertia", "passes": 2, "sign_frames": 8, "views": 3}
     assert record["metrics"]["figures"] == {"methods": {"x": 1}}
     assert record["metrics"]["training"]["step"] == 2
 
