@@ -50,7 +50,7 @@ def write_held_out(prepared: PreparedSet, folder: Path, share: float, limit: int
             frame = UnitFrame.of(vertices, faces)
         except PRSNetError:  # quantised to nothing
             continue
-        file = folder / f"{_file_name(prepared.shapes[index])}.ply"
+        file = folder / _file_name(prepared.shapes[index])
         file.write_bytes(binary_ply(vertices, faces))
         known[f"{folder.name}/{file.name}"] = _truth(frame, planes, family)
     settings = {"labels": prepared.labels["options"], "validation_share": share}
@@ -59,7 +59,8 @@ def write_held_out(prepared: PreparedSet, folder: Path, share: float, limit: int
 
 
 def _file_name(shape: ShapeRecord) -> str:
-    return shape.name.replace("/", "__")
+    name = shape.name.replace("/", "__")
+    return name if name.endswith(".ply") else f"{name}.ply"
 
 
 def _arrays(shard: Path, row: int) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
