@@ -1,12 +1,13 @@
 """How long the network takes on one core: `python benchmarks/network.py [WEIGHTS...]`.
 
 CPU milliseconds of `model.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for 1, 2, 4 and 8 sign
-frames in one batch, beside `PRSNet.forward` on the same batch. Medians; run it on an idle machine.
+frames in one batch, beside `PRSNet.forward` on the same batch; and of all that paper mode asks of the network, with its
+further views and the choice among them. Medians; run it on an idle machine.
 """
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -14,11 +15,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.checkpoint import load_checkpoint
+from model.checkpoint import Checkpoint, load_checkpoint
 from model.detector import use_one_thread
 from model.formats import read_mesh
 from model.frames import UnitFrame, inertia_frame
-from model.voxels import voxelize
+from model.proposals import predict, turned_voxels
+from model.types import FloatArray, IntArray
+from model.views import choose, other_views
 
 MESHES = Path(__file__).parents[1] / "tests/data"
 RUNS = 25
@@ -39,20 +42,14 @@ def median_ms(run: Callable[[], object]) -> float:
 def main(weights: list[str]) -> None:
     """One table."""
     use_one_thread()
-    grids: list[np.ndarray] = []
-    for path in sorted(MESHES.iterdir()):
-        if path.suffix == ".md":
-            continue
-        mesh = read_mesh(path.read_bytes(), path.name)
-        vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
-        turned = np.ascontiguousarray(vertices @ inertia_frame(vertices, mesh.faces)[0].T)
-        grids.append(voxelize(turned, mesh.faces, 32))
+    shapes = list(_shapes())
     print("| weights | frames | compiled, ms | PRSNet.forward, ms |\n| --- | --- | --- | --- |")
     for name in weights:
         checkpoint = load_checkpoint(name)
         for frames in (1, 2, 4, 8):
             compiled, plain = [], []
-            for grid in grids:
+            for vertices, faces, principal in shapes:
+                grid = turned_voxels(checkpoint, vertices, faces, principal)
                 flips = FLIPS[:frames]
                 batch = np.stack([np.flip(grid, [axis for axis in range(3) if flip[axis]]) for flip in flips])
                 voxels = torch.as_tensor(batch[:, None].astype(np.float32))
@@ -60,6 +57,30 @@ def main(weights: list[str]) -> None:
                 with torch.inference_mode():
                     plain.append(median_ms(partial(checkpoint.network, voxels)))
             print(f"| {name} | {frames} | {np.median(compiled):.2f} | {np.median(plain):.2f} |", flush=True)
+        used = [_as_used(checkpoint, *shape) for shape in shapes]
+        print(f"| {name} | as paper mode uses it | {np.median(used):.2f} | |", flush=True)
+
+
+def _shapes() -> Iterator[tuple[FloatArray, IntArray, FloatArray]]:
+    """Vertices in the unit frame, faces and inertia frame of the meshes of tests/data."""
+    for path in sorted(MESHES.iterdir()):
+        if path.suffix != ".md":
+            mesh = read_mesh(path.read_bytes(), path.name)
+            vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
+            yield vertices, mesh.faces, inertia_frame(vertices, mesh.faces)[0]
+
+
+def _as_used(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, principal: FloatArray) -> float:
+    """Milliseconds of one pass with its sign frames and views, voxels given."""
+    rotations = [principal, *other_views(principal)][: checkpoint.input.views]
+    grids = [turned_voxels(checkpoint, vertices, faces, rotation) for rotation in rotations]
+
+    def look() -> None:
+        seen = predict(checkpoint, grids, rotations)
+        if len(seen) > 1:
+            choose(seen, grids[0], principal)
+
+    return median_ms(look)
 
 
 if __name__ == "__main__":
