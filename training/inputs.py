@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from training.damaging import damaged
 from training.losses import rotation_matrices
 from training.meshbatch import MeshBatch, covariances, unit_frames
 from training.raster import voxelize_batch
 from training.recipe import DamageRecipe, InputRecipe
-
-_HASH = ((127.1, 269.5, 419.2), (311.7, 183.3, 371.9), (74.7, 246.1, 151.7))
 
 
 @dataclass(slots=True)
@@ -38,7 +37,7 @@ def draw_inputs(
     meshes: MeshBatch, recipe: InputRecipe, damage: DamageRecipe, generator: torch.Generator
 ) -> tuple[MeshBatch, Pose]:
     """Damage the meshes, draw each one's frame: the meshes as fed, and where that frame lies."""
-    meshes = _damaged(meshes, damage, generator)
+    meshes = damaged(meshes, damage, generator)
     center, scale = unit_frames(meshes)
     if recipe.frame == "unit":
         rotation = uniform_rotations(meshes.size, generator, meshes.corners.device)
@@ -97,60 +96,3 @@ def _inertia_rotations(meshes: MeshBatch, center: Tensor, recipe: InputRecipe, g
     spread = torch.where(spread > 0.1, spread, 0.0)
     loose = torch.randn((meshes.size, 3), generator=generator, device=device) * spread
     return rotation_vectors(jitter) @ rotation_vectors(loose) @ frame
-
-
-def _damaged(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
-    if damage.share > 0:
-        meshes = _with_holes(meshes, damage, generator)
-    if damage.cuts > 0:
-        meshes = _with_cuts(meshes, damage, generator)
-    if damage.noise > 0:
-        meshes = _with_noise(meshes, damage, generator)
-    return meshes
-
-
-def _with_holes(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
-    """Remove the triangles whose centroid lies in a ball around a random triangle, for ``share`` of the shapes."""
-    middle = meshes.middles
-    draws = torch.rand((meshes.size, 3), generator=generator, device=middle.device)
-    low, high = damage.radius
-    radius = (low + (high - low) * draws[:, 1]) * (draws[:, 2] < damage.share)
-    picked = _picked(meshes, draws[:, 0])
-    return _without(meshes, (middle - middle[picked][meshes.shape]).norm(dim=1) < radius[meshes.shape])
-
-
-def _with_cuts(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
-    """Remove the triangles beyond a plane of random direction through a random triangle, for ``cuts`` of the shapes."""
-    middle = meshes.middles
-    draws = torch.rand((meshes.size, 2), generator=generator, device=middle.device)
-    normals = torch.randn((meshes.size, 3), generator=generator, device=middle.device)
-    normals = normals / normals.norm(dim=1, keepdim=True)
-    height = (middle * normals[meshes.shape]).sum(1)
-    beyond = height > height[_picked(meshes, draws[:, 0])][meshes.shape]
-    return _without(meshes, beyond & (draws[:, 1] < damage.cuts)[meshes.shape])
-
-
-def _with_noise(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
-    """Move the vertices of ``noise`` of the shapes at random. Corners at one place move together: no gaps open."""
-    draws = torch.rand((meshes.size, 2), generator=generator, device=meshes.corners.device)
-    deviation = damage.noise_size * draws[:, 0] * (draws[:, 1] < damage.noise)
-    # A hash of the place instead of a draw for every corner: triangles do not know which corners they share.
-    places = meshes.corners @ torch.tensor(_HASH, device=meshes.corners.device) + 100.0 * draws[:1, :1]
-    uniform = torch.sin(places) * 43758.547
-    uniform = uniform - uniform.floor() - 0.5
-    return MeshBatch(
-        meshes.corners + (12.0**0.5 * deviation)[meshes.shape, None, None] * uniform, meshes.shape, meshes.size
-    )
-
-
-def _picked(meshes: MeshBatch, draws: Tensor) -> Tensor:
-    """A random triangle of every shape, by ``draws`` ``(b,)`` in [0, 1): rows of ``corners``."""
-    counts = meshes.counts
-    return counts.cumsum(0) - counts + (draws * counts).long().clamp_max(counts - 1)
-
-
-def _without(meshes: MeshBatch, dropped: Tensor) -> MeshBatch:
-    """Without the triangles marked, but for shapes that would lose half: one that all but vanishes teaches nothing."""
-    areas = meshes.areas
-    kept = meshes.per_shape(areas * ~dropped) >= 0.5 * meshes.per_shape(areas)
-    return meshes.without(dropped & kept[meshes.shape])

@@ -44,6 +44,11 @@ class DamageRecipe:
     cuts: float = 0.0
     noise: float = 0.0
     noise_size: float = 0.01
+    clusters: float = 0.0
+    cluster_size: float = 0.06
+    doubled: float = 0.0
+    spikes: float = 0.0
+    spike_length: float = 0.4
 
 
 @dataclass(frozen=True, slots=True)
