@@ -25,7 +25,7 @@ _POINTS = 512
 
 _TRUST = 0.75
 """Scores of the main view count so much: it is averaged over sign frames, the others are not (settled on held-out
-training shapes, docs/accuracy.md)."""
+training shapes, docs/decisions/0007-further-views.md)."""
 
 _APART = float(np.cos(np.pi / 6))
 """Of two planes closer than the dihedral angle of the paper's validation the worse says nothing new."""

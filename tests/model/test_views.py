@@ -69,6 +69,14 @@ def test_one_plane_is_not_listed_twice():
     assert len(chosen.planes) == len(chosen.directions) == 2
 
 
+def test_a_network_without_rotations_has_views_too():
+    voxels = voxelize(box() @ TURN.T, FACES)
+    mute = [Proposals(planes(turn), np.zeros((0, 3)), np.zeros(0)) for turn in (np.eye(3), TURN)]
+    chosen = choose(mute, voxels, TURN)
+    assert chosen.directions.shape == (0, 3)
+    assert len(chosen.planes) == 3
+
+
 def test_a_square_tower_is_seen_better_from_several_views():
     """Its two short axes tie: the inertia frame stands at any angle to the sides, which a trace of noise decides."""
     checkpoint = load_checkpoint("default")
