@@ -117,6 +117,7 @@ def fit(
     import torch
 
     from model.errors import PRSNetError
+    from training.fit import Start
     from training.fit import fit as train
     from training.mixture import Mixture
     from training.monitor import CollapseError
@@ -140,7 +141,8 @@ def fit(
         if start is not None:
             from model.checkpoint import load_checkpoint
 
-            begin = load_checkpoint(start)
+            given = load_checkpoint(start)
+            begin = Start(given.network, {key: given.metadata[key] for key in ("name", "version", "sha256")})
     except (ValueError, PRSNetError) as error:
         raise typer.BadParameter(str(error)) from error
     bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress and main)

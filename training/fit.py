@@ -7,10 +7,10 @@ goes on exactly as if it had not been.
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -28,12 +28,17 @@ from training.revision import git_revision
 from training.sampling import Sampler
 from training.store import ShapeStore
 
-if TYPE_CHECKING:  # a bare machine may have no safetensors
-    from model.checkpoint import Checkpoint
-
 VALIDATION_SHAPES = 512
 EARLY_STEPS = 20
 """Speed and memory are said after so many steps, so that a hopeless run need not be waited for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Weights to begin with: a trained ``network``, and the ``record`` of it that the run keeps."""
+
+    network: PRSNet
+    record: Mapping[str, str]
 
 
 @dataclass(slots=True)
@@ -63,7 +68,7 @@ def fit(
     prepared: PreparedSet,
     run: str | Path,
     *,
-    start: "Checkpoint | None" = None,
+    start: Start | None = None,
     device: str | None = None,
     precision: Precision = "float32",
     log_every: int = 100,
@@ -119,7 +124,7 @@ class _Trainer:
         recipe: Recipe,
         prepared: PreparedSet,
         run: Path,
-        start: "Checkpoint | None",
+        start: Start | None,
         world: World,
         precision: Precision,
         on_derive: Callable[[int, int], None] | None,
@@ -134,7 +139,7 @@ class _Trainer:
         self.sampler = Sampler(prepared, train_index, recipe)
         world.part(self.sampler.batch)
         if start is not None and start.network.architecture != recipe.network:
-            raise ValueError(f"{start.metadata['name']} has another architecture than the recipe")
+            raise ValueError(f"{start.record['name']} has another architecture than the recipe")
         self._claim(prepared, start)
         self.log = RunLog(run / "log.txt", on_message) if world.main else None
         self.store = world.in_turn(lambda: ShapeStore(prepared, world.device, recipe.loss.grid, on_derive))
@@ -164,14 +169,14 @@ class _Trainer:
             f"{world.size} process(es), {world.device.type}, {precision}, torch {torch.__version__}"
         )
 
-    def _claim(self, prepared: PreparedSet, start: "Checkpoint | None") -> None:
+    def _claim(self, prepared: PreparedSet, start: Start | None) -> None:
         """Make the folder that of this recipe and these data, or find that it is."""
         if not self.world.main:
             return
         data = prepared.record() | ({"labels": prepared.labels} if self.labels is not None else {})
         record: dict[str, Any] = {"recipe": self.recipe.to_dict(), "data": data}
         if start is not None:
-            record["start"] = {key: start.metadata[key] for key in ("name", "version", "sha256")}
+            record["start"] = dict(start.record)
         identity = json.dumps(record, indent=1, sort_keys=True)
         self.run.mkdir(parents=True, exist_ok=True)
         stamp = self.run / "run.json"

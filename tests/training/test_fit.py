@@ -14,7 +14,7 @@ import torch
 from model.checkpoint import load_checkpoint
 from model.network import PRSNet
 from training.export import export_run
-from training.fit import fit, learning_rate
+from training.fit import Start, fit, learning_rate
 from training.objective import validate
 from training.prepare import Options, prepare
 from training.prepared import PreparedSet
@@ -155,7 +155,8 @@ assert voxels.sum() > 40, voxels.sum()
 def test_a_run_begins_with_given_weights(prepared: PreparedSet, tmp_path: Path):
     first = fit(TINY, prepared, tmp_path / "first", device="cpu").parent
     export_run(first, tmp_path / "first.safetensors", which="last")
-    start = load_checkpoint(tmp_path / "first.safetensors")
+    first_weights = load_checkpoint(tmp_path / "first.safetensors")
+    start = Start(first_weights.network, {"name": "first", "version": "1", "sha256": first_weights.metadata["sha256"]})
     still = TINY.replace(optimizer={"steps": 1, "learning_rate": 0.0})
     second = fit(still, prepared, tmp_path / "second", start=start, device="cpu").parent
     for name, tensor in weights(first / "last.pt").items():
@@ -164,13 +165,13 @@ def test_a_run_begins_with_given_weights(prepared: PreparedSet, tmp_path: Path):
             assert torch.equal(tensor, weights(second / "last.pt")[name]), name
     export_run(second, tmp_path / "second.safetensors")
     record = load_checkpoint(tmp_path / "second.safetensors").metadata
-    assert record["start"] == {key: start.metadata[key] for key in ("name", "version", "sha256")}
+    assert record["start"] == start.record
 
 
 def test_another_start_or_architecture_is_refused(prepared: PreparedSet, tmp_path: Path):
     run = fit(TINY, prepared, tmp_path / "run", device="cpu").parent
     export_run(run, tmp_path / "weights.safetensors")
-    start = load_checkpoint(tmp_path / "weights.safetensors")
+    start = Start(load_checkpoint(tmp_path / "weights.safetensors").network, {"name": "weights"})
     with pytest.raises(ValueError, match="from another start"):
         fit(TINY, prepared, run, start=start, device="cpu")
     with pytest.raises(ValueError, match="another architecture"):
