@@ -38,6 +38,12 @@ def test_from_shapes_to_a_curve(tmp_path: Path):
     result = run("fit", prepared, "--run", fitted, "--recipe", recipe, "--device", "cpu", "--no-tensorboard")
     assert result.exit_code == 0, result.output
     assert json.loads((fitted / "run.json").read_text())["recipe"]["name"] == "tiny"
+    result = run("export", fitted, "-o", tmp_path / "tiny.safetensors")
+    assert result.exit_code == 0, result.output
+    options = ("--recipe", recipe, "--device", "cpu", "--no-tensorboard", "--start", tmp_path / "tiny.safetensors")
+    result = run("fit", prepared, "--run", tmp_path / "further", *options)
+    assert result.exit_code == 0, result.output
+    assert json.loads((tmp_path / "further/run.json").read_text())["start"]["name"] == "tiny"
     picture = tmp_path / "curve.png"
     result = run("curve", fitted, "-o", picture)
     assert result.exit_code == 0, result.output
