@@ -23,12 +23,12 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
     """
     figure = Figure(figsize=(13, 3.8), layout="constrained")
     FigureCanvasAgg(figure)
+    curves = [(run.name, read_curve(run)) for run in runs]
     for axes, (column, batches, title, scale) in zip(figure.subplots(1, len(_PANELS)), _PANELS, strict=True):
-        for run in runs:
-            rows = [row for row in read_curve(run) if column in row]
-            line = axes.plot([row["step"] for row in rows], [row[column] for row in rows], ".-", label=run.name)[0]
+        for name, rows in curves:
+            judged = [row for row in rows if column in row]
+            line = axes.plot([row["step"] for row in judged], [row[column] for row in judged], ".-", label=name)[0]
             if batches is not None:
-                rows = read_curve(run)
                 values = [row[batches] for row in rows]
                 axes.plot([row["step"] for row in rows], values, color=line.get_color(), alpha=0.3, linewidth=1)
         axes.set(title=title, xlabel="step", yscale=scale)

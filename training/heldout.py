@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.errors import PRSNetError
 from model.frames import UnitFrame
-from model.types import FloatArray, IntArray
-from training.known_truth import planes_through
-from training.prepared import PreparedSet, ShapeRecord, dequantise
+from training.known_truth import listed_truth
+from training.prepared import PreparedSet, ShapeRecord, mesh_at
 from training.shapes import binary_ply
 from training.truth import Truth, TruthAxis, save
 
@@ -40,19 +40,20 @@ def write_held_out(prepared: PreparedSet, folder: Path, share: float, limit: int
         raise ValueError(f"nothing of {prepared.root} is held out at a share of {share}")
     chosen = np.random.default_rng(0).permutation(held_out)[:limit]
     folder.mkdir(parents=True, exist_ok=True)
-    sizes = [entry["shapes"] for entry in prepared.manifest["shards"]]
-    ends = np.cumsum(sizes)
+    arrays = {name: prepared.arrays(name) for name in ("vertices", "faces", "starts", "planes", "families")}
+    shards, rows = prepared.places()
+    parts = [{name: array[shard] for name, array in arrays.items()} for shard in range(len(prepared.shards))]
     known: dict[str, Truth] = {}
     for index in chosen.tolist():
-        shard = int(np.searchsorted(ends, index, side="right"))
-        vertices, faces, planes, family = _arrays(prepared.shards[shard], index - int(ends[shard]) + sizes[shard])
+        part, row = parts[shards[index]], int(rows[index])
+        vertices, faces = mesh_at(part, row)
         try:
             frame = UnitFrame.of(vertices, faces)
         except PRSNetError:  # quantised to nothing
             continue
         file = folder / _file_name(prepared.shapes[index])
         file.write_bytes(binary_ply(vertices, faces))
-        known[f"{folder.name}/{file.name}"] = _truth(frame, planes, family)
+        known[f"{folder.name}/{file.name}"] = _truth(frame, part["planes"][row], part["families"][row])
     settings = {"labels": prepared.labels["options"], "validation_share": share}
     save(folder / TRUTH_FILE, known, settings, prepared.sha256)
     return len(known)
@@ -63,26 +64,9 @@ def _file_name(shape: ShapeRecord) -> str:
     return name if name.endswith(".ply") else f"{name}.ply"
 
 
-def _arrays(shard: Path, row: int) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-    """Vertices ``(v, 3)`` float64, faces ``(f, 3)``, planes ``(k, 5)`` and family ``(6,)`` of one shape of a shard."""
-    starts = np.load(shard / "starts.npy", mmap_mode="r")
-    (v0, f0), (v1, f1) = starts[row], starts[row + 1]
-    vertices = dequantise(np.load(shard / "vertices.npy", mmap_mode="r")[v0:v1]).astype(np.float64)
-    faces = np.ascontiguousarray(np.load(shard / "faces.npy", mmap_mode="r")[f0:f1])
-    planes = np.load(shard / "planes.npy", mmap_mode="r")[row].astype(np.float64)
-    return vertices, faces, planes, np.load(shard / "families.npy", mmap_mode="r")[row].astype(np.float64)
-
-
-def _truth(frame: UnitFrame, planes: FloatArray, family: FloatArray) -> Truth:
-    """The labels of one shape as ground truth; a continuous axis counts as exact, like the two planes through it."""
-    found = planes[np.isfinite(planes[:, 4])]
-    axes = [TruthAxis(family[:3], family[3:], None, 0.0)] if family[:3].any() else []
-    through = planes_through(axes[0]) if axes else []
-    return Truth(
-        center=frame.center,
-        scale=frame.scale,
-        planes=np.concatenate([found[:, :4], np.reshape(through, (-1, 4))]),
-        plane_errors=np.concatenate([found[:, 4], np.zeros(len(through))]),
-        plane_continuous=np.array([False] * len(found) + [True] * len(through), dtype=np.bool_),
-        axes=axes,
-    )
+def _truth(frame: UnitFrame, planes: NDArray[np.float32], family: NDArray[np.float32]) -> Truth:
+    """The labels of one shape, ``(k, 5)`` and ``(6,)``, as ground truth; a continuous axis counts as exact."""
+    found = planes[np.isfinite(planes[:, 4])].astype(np.float64)
+    axis = family.astype(np.float64)
+    axes = [TruthAxis(axis[:3], axis[3:], None, 0.0)] if axis[:3].any() else []
+    return listed_truth(frame, found[:, :4], found[:, 4], axes)

@@ -34,18 +34,25 @@ def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
         TruthAxis(np.array(axis["direction"]), frame.to_unit(np.array(axis["point"])), axis["order"], 0.0)
         for axis in entry["axes"]
     ]
+    truth = listed_truth(frame, np.reshape(planes, (-1, 4)), np.zeros(len(planes)), axes)
+    return truth, entry["point_group"]
+
+
+def listed_truth(frame: UnitFrame, planes: FloatArray, errors: FloatArray, axes: list[TruthAxis]) -> Truth:
+    """Ground truth from ``planes`` ``(k, 4)`` with ``errors`` ``(k,)`` that leave out those through a continuous axis.
+
+    Two of them are added, as the search would, as exact as the axis is taken to be.
+    """
     endless = [axis for axis in axes if axis.order is None]
     through = planes_through(endless[0]) if len(endless) == 1 else []
-    continuous = [len(endless) > 1] * len(planes) + [True] * len(through)
-    truth = Truth(
+    return Truth(
         center=frame.center,
         scale=frame.scale,
-        planes=np.array(planes + through).reshape(-1, 4),
-        plane_errors=np.zeros(len(continuous)),
-        plane_continuous=np.array(continuous, dtype=np.bool_),
+        planes=np.concatenate([planes, np.reshape(through, (-1, 4))]),
+        plane_errors=np.concatenate([errors, np.zeros(len(through))]),
+        plane_continuous=np.array([len(endless) > 1] * len(planes) + [True] * len(through), dtype=np.bool_),
         axes=axes,
     )
-    return truth, entry["point_group"]
 
 
 def planes_through(axis: TruthAxis) -> list[FloatArray]:

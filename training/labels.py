@@ -28,7 +28,7 @@ from model.surface import SurfaceIndex
 from model.types import FloatArray, IntArray
 from training.baselines import pca_planes
 from training.parallel import spread
-from training.prepared import PreparedSet, dequantise
+from training.prepared import PreparedSet, mesh_at
 from training.truth import Truth, load
 
 METHODS = ("scan", "pca", "groundtruth")
@@ -132,9 +132,7 @@ def _label_shard(job: _Job) -> dict[str, Any]:
     planes[..., :4] = 0.0
     families = np.zeros((job.shapes, 6), dtype=np.float32)
     for index in range(job.shapes):
-        (v0, f0), (v1, f1) = arrays["starts"][index], arrays["starts"][index + 1]
-        vertices = dequantise(arrays["vertices"][v0:v1]).astype(np.float64)
-        faces = np.ascontiguousarray(arrays["faces"][f0:f1])
+        vertices, faces = mesh_at(arrays, index)
         if job.truths is not None:
             found = _of_truth(job.truths[index])
         else:

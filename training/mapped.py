@@ -29,10 +29,8 @@ class MappedArrays:
     ) -> None:
         """Map the files; ``progress`` is called with done and total while something is derived."""
         self._device = device
-        lengths = [int(shard["shapes"]) for shard in prepared.manifest["shards"]]
-        self._shard_of = np.repeat(np.arange(len(lengths)), lengths)
-        self._row_of = np.concatenate([np.arange(length) for length in lengths])
-        _allow_files(5 * len(lengths))
+        self._shard_of, self._row_of = prepared.places()
+        _allow_files(5 * len(prepared.manifest["shards"]))
         self._vertices, self._faces, self._starts = (_open(prepared, name) for name in ("vertices", "faces", "starts"))
         if prepared.exact(grid):
             self._samples, self._closest = _open(prepared, "samples"), _open(prepared, "closest")

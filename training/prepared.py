@@ -20,6 +20,7 @@ import csv
 import hashlib
 import json
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -40,6 +41,13 @@ def quantise(points: NDArray[Any]) -> NDArray[np.uint16]:
 def dequantise(points: NDArray[np.uint16]) -> NDArray[np.float32]:
     """The inverse of `quantise`, float32."""
     return (points.astype(np.float32) / _LEVELS - 0.5).astype(np.float32)
+
+
+def mesh_at(arrays: Mapping[str, NDArray[Any]], row: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices ``(v, 3)``, unit frame, and faces ``(f, 3)`` of one shape, out of its shard's arrays by name."""
+    (v0, f0), (v1, f1) = arrays["starts"][row], arrays["starts"][row + 1]
+    vertices = dequantise(arrays["vertices"][v0:v1]).astype(np.float64)
+    return vertices, np.ascontiguousarray(arrays["faces"][f0:f1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +118,11 @@ class PreparedSet:
     def arrays(self, name: str) -> list[NDArray[Any]]:
         """The array ``name`` of every shard, memory-mapped."""
         return [np.load(shard / f"{name}.npy", mmap_mode="r") for shard in self.shards]
+
+    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where every shape lies, ``(n,)`` each: the index of its shard, its row there."""
+        lengths = [int(shard["shapes"]) for shard in self.manifest["shards"]]
+        return np.repeat(np.arange(len(lengths)), lengths), np.concatenate([np.arange(length) for length in lengths])
 
     def split(self, validation_share: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices for training and for validation. A shape's side depends on its name alone, so it never changes."""

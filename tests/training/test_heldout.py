@@ -1,5 +1,6 @@
 """Held-out shapes come out as meshes whose written truth is true, and `evaluate` takes both."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,8 +23,6 @@ SHARE = 0.3
 @pytest.fixture(scope="module")
 def labelled(prepared: PreparedSet, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A prepared set of its own: labels are written into it."""
-    import shutil
-
     root = tmp_path_factory.mktemp("labelled") / "set"
     shutil.copytree(prepared.root, root)
     label(PreparedSet(root), Options(), progress=False)
