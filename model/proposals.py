@@ -56,23 +56,19 @@ def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Seque
             others are taken as they come.
         rotations: from the unit frame to that of each view's voxels.
     """
-    frames = [checkpoint.input.sign_frames] + [1] * (len(grids) - 1)
-    planes, quaternions = _heads(checkpoint, grids, frames)
-    seen: list[Proposals] = []
-    last = 0
-    for count, rotation in zip(frames, rotations, strict=True):
-        own = slice(last, last + count)
-        last += count
-        mean_planes = np.stack([_mean_plane(head) for head in planes[:, own]])
-        turns = [sign_free_mean(head) for head in quaternions[:, own]]
-        seen.append(_proposals(mean_planes, np.reshape(turns, (-1, 4)), rotation))
-    return seen
+    averaged = checkpoint.input.sign_frames
+    planes, quaternions = _heads(checkpoint, grids, [averaged] + [1] * (len(grids) - 1))
+    if averaged > 1:
+        planes = np.concatenate([_mean_planes(planes[:, :averaged])[:, None], planes[:, averaged:]], axis=1)
+        mean = sign_free_mean(quaternions[:, :averaged])
+        quaternions = np.concatenate([mean[:, None], quaternions[:, averaged:]], axis=1)
+    return _proposals(planes, quaternions, rotations)
 
 
 def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
     """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
     planes, quaternions = _heads(checkpoint, [voxels], [frames])
-    return _proposals(planes.reshape(-1, 4), quaternions.reshape(-1, 4), rotation)
+    return _proposals(planes.reshape(-1, 1, 4), quaternions.reshape(-1, 1, 4), [rotation])[0]
 
 
 def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: Sequence[int]) -> tuple[FloatArray, FloatArray]:
@@ -87,11 +83,17 @@ def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: Sequence[
     return planes, quaternions
 
 
-def _proposals(planes: FloatArray, quaternions: FloatArray, rotation: FloatArray) -> Proposals:
-    """Out of the frame of the voxels, back into the unit frame."""
-    turned = np.column_stack([planes[:, :3] @ rotation, planes[:, 3]])
-    directions, angles = axis_angle(torch.as_tensor(quaternions))
-    return Proposals(turned, directions.numpy() @ rotation, angles.numpy())
+def _proposals(planes: FloatArray, quaternions: FloatArray, rotations: Sequence[FloatArray]) -> list[Proposals]:
+    """Of each view ``(heads, views, 4)``, out of the frame of its voxels back into the unit frame."""
+    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
+    return [
+        Proposals(
+            np.column_stack([planes[:, view, :3] @ rotation, planes[:, view, 3]]),
+            directions[:, view] @ rotation,
+            angles[:, view],
+        )
+        for view, rotation in enumerate(rotations)
+    ]
 
 
 def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:
@@ -109,10 +111,14 @@ def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:
     return turned
 
 
-def _mean_plane(planes: FloatArray) -> FloatArray:
-    """Mean of one head's planes ``(k, 4)`` over sign frames. Outliers (a head that switched planes) are left out."""
-    agree = np.abs(planes[:, :3] @ planes[0, :3]) > _SAME_DIRECTION
-    planes = planes[agree]
-    normal = sign_free_mean(planes[:, :3])
-    offset = float(np.mean(np.sign(planes[:, :3] @ normal) * planes[:, 3]))
-    return np.append(normal, offset)
+def _mean_planes(planes: FloatArray) -> FloatArray:
+    """Mean of each head's planes ``(h, k, 4)`` over sign frames: ``(h, 4)``.
+
+    Outliers (a head that switched planes) are left out.
+    """
+    normals = planes[..., :3]
+    agree = np.abs(normals @ normals[:, 0, :, None])[..., 0] > _SAME_DIRECTION
+    mean = sign_free_mean(normals * agree[..., None])
+    signs = np.sign(normals @ mean[..., None])[..., 0] * agree
+    offsets = (signs * planes[..., 3]).sum(1) / agree.sum(1)
+    return np.column_stack([mean, offsets])

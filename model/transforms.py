@@ -44,9 +44,10 @@ def canonical_sign(vector: FloatArray) -> float:
 
 
 def sign_free_mean(vectors: FloatArray) -> FloatArray:
-    """Mean direction of unit vectors ``(k, c)`` whose signs mean nothing: ``(c,)``, the first one's sign.
+    """Mean direction of unit vectors ``(..., k, c)`` whose signs mean nothing: ``(..., c)``, the first one's sign.
 
-    It is the eigenvector of the largest eigenvalue of the sum of outer products.
+    It is the eigenvector of the largest eigenvalue of the sum of outer products; vectors of zeros do not count.
     """
-    mean = np.linalg.eigh(vectors.T @ vectors)[1][:, -1]
-    return mean if mean @ vectors[0] >= 0 else -mean
+    mean = np.linalg.eigh(vectors.swapaxes(-1, -2) @ vectors)[1][..., -1]
+    along = (mean * vectors[..., 0, :]).sum(-1, keepdims=True)
+    return np.where(along >= 0, mean, -mean)

@@ -4,6 +4,9 @@ Where two moments of inertia nearly tie, noise or a hole turns the inertia frame
 with it: the heads then agree on something wrong. Turned by 45 degrees about the first or the last axis, which mixes the
 axes that tie, the shape looks different enough to be answered anew. Which answer to trust is decided on the voxels the
 network was fed with, not on the mesh: no exact distance is taken before validation (section 5 of the paper).
+
+The planes and half turns of the main frame itself, which are where all heads start from before they are trained, stand
+for election too: where the shape is whole they are exact, and a network trained on damaged ones moves some of them.
 """
 
 from collections.abc import Sequence
@@ -37,23 +40,26 @@ def other_views(rotation: FloatArray) -> list[FloatArray]:
 
 
 def choose(views: Sequence[Proposals], voxels: BoolArray, rotation: FloatArray) -> Proposals:
-    """Of what all views say those that map the voxels onto themselves best, at most as many as one view says.
+    """What maps the voxels onto themselves best of all that the views and the main frame say, at most one a head.
 
     Args:
         views: planes and rotations in the unit frame, the main view's first.
         voxels: ``(R, R, R)`` as the main view is fed with.
         rotation: ``(3, 3)`` from the unit frame to that of the voxels.
     """
-    planes = np.concatenate([view.planes for view in views])
-    directions = np.concatenate([view.directions for view in views])
-    angles = np.concatenate([view.angles for view in views])
+    heads, turning = len(views[0].planes), len(views[0].directions)
+    own = np.column_stack([rotation, np.zeros(3)])
+    said = [*views, Proposals(own, rotation[:turning], np.full(turning, np.pi))]
+    planes = np.concatenate([view.planes for view in said])
+    directions = np.concatenate([view.directions for view in said])
+    angles = np.concatenate([view.angles for view in said])
     grid = DistanceGrid(voxels, _POINTS)
     # In the frame of the grid.
     normals, axes = planes[:, :3] @ rotation.T, directions @ rotation.T
     mirrors = Operations.reflections(np.column_stack([normals, planes[:, 3]]))
     turns = Operations.rotations(axes, np.zeros(3), angles)
-    best = _best(normals, grid.score(mirrors.apply(grid.points)), len(views[0].planes))
-    turned = _best(axes, grid.score(turns.apply(grid.points)), len(views[0].directions))
+    scores = grid.score(Operations.joined([mirrors, turns]).apply(grid.points))
+    best, turned = _best(normals, scores[: len(planes)], heads), _best(axes, scores[len(planes) :], turning)
     return Proposals(planes[best], directions[turned], angles[turned])
 
 

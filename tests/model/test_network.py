@@ -1,12 +1,16 @@
 """The network is the paper's, and its sparse first block changes nothing but the time."""
 
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from model.inference import CompiledNetwork
+from model.checkpoint import load_checkpoint
+from model.formats import read_mesh
+from model.frames import UnitFrame, inertia_frame
+from model.inference import CompiledNetwork, fast_dtype
 from model.network import Architecture, PRSNet, axis_angle
 from model.sparse_block import convolve_and_pool
 from model.voxels import voxelize
@@ -119,14 +123,47 @@ def test_the_compiled_network_gives_the_same_planes(batch_norm: bool, resolution
         frames = [occupied.flip([axis for axis in range(3) if flip[axis]]) for flip in flips]
         with torch.inference_mode():
             planes, quaternions = network(torch.stack(frames)[:, None].float())
-        ours = CompiledNetwork(network)((occupied.numpy(), flips))
+        ours = CompiledNetwork(network, torch.float32)((occupied.numpy(), flips))
         torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)
 
 
+@pytest.mark.skipif(fast_dtype() is torch.float32, reason="this processor computes in float32")
+def test_bfloat16_moves_planes_by_fractions_of_a_degree():
+    checkpoint = load_checkpoint("default")
+    flips = np.array(list(product((False, True), repeat=3)))
+    angles, offsets = [], []
+    for path in sorted((Path(__file__).parents[1] / "data").glob("*.[!m]*")):
+        mesh = read_mesh(path.read_bytes(), path.name)
+        vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
+        grid = voxelize(np.ascontiguousarray(vertices @ inertia_frame(vertices, mesh.faces)[0].T), mesh.faces)
+        exact = CompiledNetwork(checkpoint.network, torch.float32)((grid, flips))[0]
+        fast = CompiledNetwork(checkpoint.network)((grid, flips))[0]
+        angles.append(torch.linalg.cross(exact[..., :3], fast[..., :3]).norm(dim=-1))
+        offsets.append((exact[..., 3] - fast[..., 3]).abs())
+    assert torch.cat(angles).median() < np.radians(0.1)
+    assert torch.cat(angles).max() < np.radians(0.5)
+    assert torch.cat(offsets).max() < 2e-3
+
+
+def test_a_mirrored_frame_of_a_symmetric_shape_gets_the_same_answer_to_the_last_bit():
+    """Where the shape does not change the answer does not: the mean over sign frames is exact."""
+    torch.manual_seed(2)
+    compiled = CompiledNetwork(PRSNet(Architecture(resolution=16, batch_norm=True, channels=(6, 8, 10, 12))).eval())
+    flips = np.array(list(product((False, True), repeat=3)))
+    half = (torch.rand([16] * 3) < 0.1).numpy()
+    for axis in range(3):
+        grid = half | np.flip(half, axis)
+        planes, quaternions = compiled((grid, flips))
+        other = [int(np.flatnonzero((flips == flip ^ (np.arange(3) == axis)).all(1))[0]) for flip in flips]
+        assert torch.equal(planes, planes[other])
+        assert torch.equal(quaternions, quaternions[other])
+
+
 def test_views_of_one_batch_do_not_touch_each_other():
     torch.manual_seed(1)
-    compiled = CompiledNetwork(PRSNet(Architecture(resolution=8, batch_norm=True, channels=(4, 6, 8))).eval())
+    network = PRSNet(Architecture(resolution=8, batch_norm=True, channels=(4, 6, 8))).eval()
+    compiled = CompiledNetwork(network, torch.float32)
     flips = np.array(list(product((False, True), repeat=3)))
     grids = [(torch.rand([8] * 3) < filling).numpy() for filling in (0.1, 0.4)]
     views = [(grids[0], flips), (grids[1], flips[:1]), (grids[0], flips[2:4])]

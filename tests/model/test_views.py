@@ -66,7 +66,20 @@ def test_one_plane_is_not_listed_twice():
     voxels = voxelize(box() @ TURN.T, FACES)
     twice = Proposals(planes(np.eye(3))[[0, 0, 1]], np.eye(3)[[0, 0, 1]], np.full(3, np.pi))
     chosen = choose([twice, twice], voxels, TURN)
-    assert len(chosen.planes) == len(chosen.directions) == 2
+    for found in (chosen.planes[:, :3], chosen.directions):
+        cosines = np.abs(found @ found.T) - np.eye(len(found))
+        assert cosines.max() < np.cos(np.radians(30.0))
+        np.testing.assert_allclose(np.abs(found[:2, :2]).sum(0), 1.0, atol=1e-12)
+
+
+def test_the_planes_of_the_frame_are_kept_where_the_network_is_wrong():
+    """Off by three degrees, as a network may be that was trained on damaged shapes: the whole box says so."""
+    off = rotation_matrix(np.array([0.48, 0.6, 0.64]), 0.05)
+    principal = np.eye(3)[[2, 0, 1]]
+    chosen = choose([says(off @ principal)] * VIEWS, voxelize(box() @ principal.T, FACES), principal)
+    for found in (chosen.planes[:, :3], chosen.directions):
+        np.testing.assert_allclose(np.sort(np.abs(found).max(1)), 1.0, atol=1e-12)
+    np.testing.assert_allclose(chosen.planes[:, 3], 0.0, atol=1e-12)
 
 
 def test_a_network_without_rotations_has_views_too():
