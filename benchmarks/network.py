@@ -2,7 +2,7 @@
 
 CPU milliseconds of `model.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for 1, 2, 4 and 8 sign
 frames in one batch, beside `PRSNet.forward` on the same batch; and of all that paper mode asks of the network, with its
-further views and the choice among them. Medians; run it on an idle machine.
+sign frames, views and the choice among the answers. Medians; run it on an idle machine.
 """
 
 import sys
@@ -74,11 +74,12 @@ def _as_used(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, prin
     """Milliseconds of one pass with its sign frames and views, voxels given."""
     rotations = [principal, *other_views(principal)][: checkpoint.input.views]
     grids = [turned_voxels(checkpoint, vertices, faces, rotation) for rotation in rotations]
+    heads = checkpoint.network.architecture
 
     def look() -> None:
-        seen = predict(checkpoint, grids, rotations)
-        if len(seen) > 1:
-            choose(seen, grids[0], principal)
+        said = predict(checkpoint, grids, rotations)
+        if len(said) > 1 or checkpoint.input.sign_frames > 1:
+            choose(said, grids[0], principal, heads.planes, heads.rotations)
 
     return median_ms(look)
 

@@ -29,9 +29,9 @@ class InputSpec:
 
     ``frame``: ``unit`` feeds the unit frame as it is (the paper), ``inertia`` the unit frame turned to the
     eigenvectors of the surface covariance. ``passes``: after each pass but the last, the input is turned into the
-    frame of the predicted normals and predicted again. ``sign_frames``: 8 averages each head over the eight sign
-    choices of the frame, 1 takes the frame as it comes. ``views``: 3 looks from two further frames in the last pass and
-    chooses on the voxels (`model.views`), 1 does not.
+    frame of the predicted normals and predicted again. ``sign_frames``: how many of the eight sign choices of a frame
+    are looked at. ``views``: 3 looks from two further frames in the last pass, 1 does not. Of several answers those are
+    chosen that fit the voxels (`model.views`).
     """
 
     frame: Literal["unit", "inertia"] = "unit"
@@ -42,8 +42,8 @@ class InputSpec:
     def __post_init__(self) -> None:
         if self.frame not in ("unit", "inertia") or not 1 <= self.passes <= 8:
             raise ValueError("frame must be unit or inertia, passes 1 to 8")
-        if self.sign_frames not in (1, 8) or self.views not in (1, 3):
-            raise ValueError("sign_frames must be 1 or 8, views 1 or 3")
+        if not 1 <= self.sign_frames <= 8 or self.views not in (1, 3):
+            raise ValueError("sign_frames must be 1 to 8, views 1 or 3")
 
 
 @dataclass(frozen=True)

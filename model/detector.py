@@ -172,8 +172,10 @@ class Detector:
             grids = [turned_voxels(checkpoint, vertices, faces, turn) for turn in rotations]
             spent["voxelize"] += _since(mark)
             mark = time.perf_counter()
-            seen = predict(checkpoint, grids, rotations)
-            proposals = choose(seen, grids[0], rotation) if len(seen) > 1 else seen[0]
+            said = predict(checkpoint, grids, rotations)
+            heads = checkpoint.network.architecture
+            several = len(said) > 1 or checkpoint.input.sign_frames > 1
+            proposals = choose(said, grids[0], rotation, heads.planes, heads.rotations) if several else said[0]
             spent["infer"] += _since(mark)
             mark = time.perf_counter()
             if left:

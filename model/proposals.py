@@ -1,8 +1,8 @@
 """What the network proposes for a shape: one forward pass or several, planes and rotations in the unit frame."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 import torch
@@ -15,9 +15,9 @@ from model.types import BoolArray, FloatArray, IntArray
 from model.voxels import voxelize
 
 _SIGNS = np.array(sorted(product((1.0, -1.0), repeat=3), key=lambda signs: signs.count(-1.0)))
-"""The frame as it comes, then mirrored along one axis, along two, along all. Averaged over all eight, the plane of a
-head across a coordinate axis is exact where the shape is symmetric to it: its inputs come in pairs of equals, mirrored
-along that axis and not. Of fewer frames some would have no partner."""
+"""The frame as it comes, then mirrored along one axis, along two, along all. Where the shape is symmetric to an axis of
+its frame, the mean of a head over two frames mirrored along it is a plane exactly across that axis or along it: the
+network was fed with the same twice."""
 
 _SAME_DIRECTION = float(np.cos(np.pi / 4))
 
@@ -50,50 +50,57 @@ def turned_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray,
 def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence[FloatArray]) -> list[Proposals]:
     """One pass, one batch: what the heads say of each view, in the unit frame.
 
+    Where the weights ask for several sign frames that is what each head says in every frame, the mean of every two and
+    the mean of all.
+
     Args:
         checkpoint: the network.
-        grids: the views' voxels ``(R, R, R)``. The first is averaged over sign frames if the weights ask for it; the
-            others are taken as they come.
+        grids: the views' voxels ``(R, R, R)``.
         rotations: from the unit frame to that of each view's voxels.
     """
-    averaged = checkpoint.input.sign_frames
-    planes, quaternions = _heads(checkpoint, grids, [averaged] + [1] * (len(grids) - 1))
-    if averaged > 1:
-        planes = np.concatenate([_mean_planes(planes[:, :averaged])[:, None], planes[:, averaged:]], axis=1)
-        mean = sign_free_mean(quaternions[:, :averaged])
-        quaternions = np.concatenate([mean[:, None], quaternions[:, averaged:]], axis=1)
-    return _proposals(planes, quaternions, rotations)
+    frames = checkpoint.input.sign_frames
+    seen = _heads(checkpoint, grids, frames)
+    planes, quaternions = (values.reshape(len(values), len(grids), frames, 4) for values in seen)
+    if frames > 1:
+        planes, quaternions = _with_means(planes, _mean_planes), _with_means(quaternions, sign_free_mean)
+    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
+    return [
+        Proposals(
+            np.concatenate([planes[:, view, :, :3] @ rotation, planes[:, view, :, 3:]], axis=-1).reshape(-1, 4),
+            (directions[:, view] @ rotation).reshape(-1, 3),
+            angles[:, view].ravel(),
+        )
+        for view, rotation in enumerate(rotations)
+    ]
 
 
 def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
     """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
-    planes, quaternions = _heads(checkpoint, [voxels], [frames])
-    return _proposals(planes.reshape(-1, 1, 4), quaternions.reshape(-1, 1, 4), [rotation])[0]
+    planes, quaternions = (values.reshape(-1, 4) for values in _heads(checkpoint, [voxels], frames))
+    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
+    return Proposals(np.column_stack([planes[:, :3] @ rotation, planes[:, 3]]), directions @ rotation, angles)
 
 
-def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Planes and quaternions ``(heads, all frames, 4)``, those of a view in the frame of its voxels."""
-    chosen = [_SIGNS[:count] for count in frames]
-    outputs = checkpoint.compiled(*((grid, signs < 0) for grid, signs in zip(grids, chosen, strict=True)))
+def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: int) -> tuple[FloatArray, FloatArray]:
+    """Planes and quaternions ``(heads, views x frames, 4)``, those of a view in the frame of its voxels."""
+    signs = _SIGNS[:frames]
+    outputs = checkpoint.compiled(*((grid, signs < 0) for grid in grids))
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
-    signs = np.concatenate(chosen)
+    signs = np.tile(signs, (len(grids), 1))
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.
     quaternions[..., 1:] *= signs * signs.prod(1, keepdims=True)
     return planes, quaternions
 
 
-def _proposals(planes: FloatArray, quaternions: FloatArray, rotations: Sequence[FloatArray]) -> list[Proposals]:
-    """Of each view ``(heads, views, 4)``, out of the frame of its voxels back into the unit frame."""
-    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
-    return [
-        Proposals(
-            np.column_stack([planes[:, view, :3] @ rotation, planes[:, view, 3]]),
-            directions[:, view] @ rotation,
-            angles[:, view],
-        )
-        for view, rotation in enumerate(rotations)
-    ]
+def _with_means(values: FloatArray, mean: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Values ``(h, v, k, 4)`` of k frames, then the means of every two and, of more, of all: ``(h, v, more, 4)``."""
+    frames = values.shape[2]
+    pairs = np.array(list(combinations(range(frames), 2)))
+    parts = [values, mean(values[:, :, pairs])]
+    if frames > 2:
+        parts.append(mean(values)[:, :, None])
+    return np.concatenate(parts, axis=2)
 
 
 def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:
@@ -112,13 +119,13 @@ def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:
 
 
 def _mean_planes(planes: FloatArray) -> FloatArray:
-    """Mean of each head's planes ``(h, k, 4)`` over sign frames: ``(h, 4)``.
+    """Mean of a head's planes ``(..., k, 4)`` over sign frames: ``(..., 4)``.
 
     Outliers (a head that switched planes) are left out.
     """
     normals = planes[..., :3]
-    agree = np.abs(normals @ normals[:, 0, :, None])[..., 0] > _SAME_DIRECTION
+    agree = np.abs((normals * normals[..., :1, :]).sum(-1)) > _SAME_DIRECTION
     mean = sign_free_mean(normals * agree[..., None])
-    signs = np.sign(normals @ mean[..., None])[..., 0] * agree
-    offsets = (signs * planes[..., 3]).sum(1) / agree.sum(1)
-    return np.column_stack([mean, offsets])
+    signs = np.sign((normals * mean[..., None, :]).sum(-1)) * agree
+    offsets = (signs * planes[..., 3]).sum(-1) / agree.sum(-1)
+    return np.concatenate([mean, offsets[..., None]], axis=-1)

@@ -67,3 +67,26 @@ def test_distances_are_cut_off_and_zero_on_the_surface():
         assert grid.score(np.array([[middle + steps / 16, middle, middle]])) == expected
     assert grid.score(np.array([[middle + 1 / 16, middle + 2 / 16, middle]])) == 5
     assert grid.score(np.array([[40.0, 0.0, 0.0]])) == 9
+
+
+def test_misfit_is_interpolated_between_cells():
+    occupied = np.zeros((16, 16, 16), dtype=bool)
+    occupied[8, 8, 8] = True
+    grid = DistanceGrid(occupied)
+    np.testing.assert_allclose(grid.points, [[0.5 / 16] * 3])
+    # A mirror half as far away moves the point by as much as is asked for.
+    for steps, expected in ((0.0, 0.0), (0.25, 0.25), (1.0, 1.0), (1.5, 1.5), (2.0, 2.0), (5.0, 2.0), (400.0, 2.0)):
+        mirror = Operations.reflections(np.array([[1.0, 0.0, 0.0, -(0.5 + steps / 2) / 16]]))
+        np.testing.assert_allclose(grid.misfit(mirror), expected**2, rtol=1e-6)
+
+
+def test_misfit_is_least_at_the_true_plane():
+    grid, normals, _ = scanned("chair")
+    normal = normals[0]
+    side = np.cross(normal, [0.6, 0.0, 0.8])
+    side /= np.linalg.norm(side)
+    tilts = np.radians([-4.0, -2.0, 0.0, 2.0, 4.0])
+    tilted = np.cos(tilts)[:, None] * normal + np.sin(tilts)[:, None] * side
+    misfit = grid.misfit(Operations.reflections(np.column_stack([tilted, np.zeros(5)])))
+    assert misfit.argmin() == 2
+    assert (np.diff(misfit) * np.array([-1, -1, 1, 1]) > 0).all()
