@@ -1,8 +1,8 @@
 """The trained network arranged for inference on a CPU: what `PRSNet.forward` says, in a fraction of the time.
 
 - A surface fills a few per cent of its grid. Convolution 3^3 and pooling 2^3 together make each output cell of the
-  first block a function of the 4^3 voxels around it; where those are empty the output is a constant. Every voxel adds
-  its taps where it is seen. (`model.sparse_block` says the same in torch, for training.)
+  first block a function of the 4^3 voxels around it; where those are empty the output is a constant.
+  (`model.sparse_block` says the same in torch, for training.)
 - That convolution is a sum of three numbers looked up: what the taps of a slab of 3^2 add up to for each of the 512
   choices of voxels under it. All frames of a view, mirror images of one another, share the voxels and the choices:
   instead of the voxels the kernels are mirrored.
@@ -177,7 +177,7 @@ def _under(occupied: BoolArray) -> AnyArray:
     Slabs are counted from one before the grid; within them the kernel stands on every voxel.
     """
     edge = len(occupied)
-    padded = np.zeros((edge + 2, edge + 2, edge + 2), dtype=np.uint16)  # np.pad takes longer than all the rest
+    padded = np.zeros((edge + 2,) * 3, dtype=np.uint16)  # np.pad takes longer than all the rest
     padded[1:-1, 1:-1, 1:-1] = occupied
     rows = padded[:, :, :-2] | padded[:, :, 1:-1] << 1 | padded[:, :, 2:] << 2
     return rows[:, :-2] | rows[:, 1:-1] << 3 | rows[:, 2:] << 6
