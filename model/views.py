@@ -27,8 +27,11 @@ VIEWS = 1 + len(_TURNS)
 _POINTS = 512
 """Occupied voxels that are moved; twice as many would decide the same within the noise."""
 
-_APART = float(np.cos(np.pi / 6))
+_PLANES_APART = float(np.cos(np.deg2rad(30.0)))
 """Of two planes closer than the dihedral angle of the paper's validation the worse says nothing new."""
+
+_AXES_APART = float(np.cos(np.deg2rad(60.0)))
+"""A surface of revolution has a two-fold axis in every direction across its own: three of them could displace it."""
 
 
 def other_views(rotation: FloatArray) -> list[FloatArray]:
@@ -49,7 +52,7 @@ def choose(
         rotations: how many rotations.
 
     Returns:
-        the best first, directions 30 degrees apart.
+        the best first, planes 30 degrees apart and axes 60.
     """
     frame = Proposals(np.column_stack([rotation, np.zeros(3)]), rotation, np.full(3, np.pi))
     everything = [frame, *said]
@@ -62,18 +65,18 @@ def choose(
     reflections = Operations.reflections(np.column_stack([normals, mirrors[:, 3]]))
     turns = Operations.rotations(axes, np.zeros(3), angles)
     misfit = grid.misfit(Operations.joined([reflections, turns]))
-    best = _best(normals, misfit[: len(mirrors)], planes)
-    turned = _best(axes, misfit[len(mirrors) :], rotations)
+    best = _best(normals, misfit[: len(mirrors)], planes, _PLANES_APART)
+    turned = _best(axes, misfit[len(mirrors) :], rotations, _AXES_APART)
     return Proposals(mirrors[best], directions[turned], angles[turned])
 
 
-def _best(directions: FloatArray, misfit: FloatArray, count: int) -> list[int]:
-    """At most ``count`` rows of the lowest misfit, well apart."""
+def _best(directions: FloatArray, misfit: FloatArray, count: int, apart: float) -> list[int]:
+    """At most ``count`` rows of the lowest misfit, their directions' cosines not over ``apart``."""
     cosines = np.abs(directions @ directions.T)
     kept: list[int] = []
     for row in np.argsort(misfit, kind="stable").tolist():
         if len(kept) == count:
             break
-        if not (cosines[row, kept] > _APART).any():
+        if not (cosines[row, kept] > apart).any():
             kept.append(row)
     return kept

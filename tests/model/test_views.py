@@ -5,6 +5,7 @@ import pytest
 
 from model.checkpoint import Checkpoint, InputSpec, load_checkpoint
 from model.detector import Detector
+from model.frames import UnitFrame
 from model.proposals import Proposals, predict
 from model.sampling import sample_surface
 from model.surface import SurfaceIndex
@@ -12,6 +13,7 @@ from model.transforms import reflect, rotation_matrix
 from model.types import FloatArray, IntArray
 from model.views import VIEWS, choose, other_views
 from model.voxels import voxelize
+from tests.shapes import known
 
 EDGES = (0.5, 0.42, 0.3)
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -82,6 +84,23 @@ def test_the_planes_of_the_frame_are_kept_where_the_network_is_wrong():
     for found in (chosen.planes[:, :3], chosen.directions):
         np.testing.assert_allclose(np.sort(np.abs(found).max(1)), 1.0, atol=1e-12)
     np.testing.assert_allclose(chosen.planes[:, 3], 0.0, atol=1e-12)
+
+
+def test_the_axis_of_revolution_is_not_displaced_by_those_across_it():
+    """Half turns about all directions across the axis fit as well, here all of them better than the axis itself."""
+    shape = known("torus")
+    vertices = UnitFrame.of(shape.vertices, shape.faces).to_unit(shape.vertices)
+    axis = shape.axes[0].direction
+    across = np.linalg.svd(axis[None])[2][1:]
+    angles = np.radians(np.arange(0.0, 180.0, 35.0))
+    directions = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+    tilted = axis + 0.05 * across[0]
+    said = np.vstack([directions, tilted / np.linalg.norm(tilted)])
+    turn = rotation_matrix(np.array([0.0, 0.6, 0.8]), 0.7)
+    voxels = voxelize(np.ascontiguousarray(vertices @ turn.T), shape.faces)
+    chosen = choose([Proposals(np.zeros((0, 4)), said, np.full(len(said), np.pi))], voxels, turn, 0, 3)
+    assert len(chosen.planes) == 0
+    assert np.abs(chosen.directions @ axis).max() > 0.99
 
 
 def test_no_more_is_chosen_than_there_are_heads():
