@@ -72,11 +72,10 @@ def choose(
 
 def _best(directions: FloatArray, misfit: FloatArray, count: int, apart: float) -> list[int]:
     """At most ``count`` rows of the lowest misfit, their directions' cosines not over ``apart``."""
-    cosines = np.abs(directions @ directions.T)
+    left = misfit.copy()
     kept: list[int] = []
-    for row in np.argsort(misfit, kind="stable").tolist():
-        if len(kept) == count:
-            break
-        if not (cosines[row, kept] > apart).any():
-            kept.append(row)
+    while len(kept) < count and np.isfinite(left).any():
+        best = int(left.argmin())
+        kept.append(best)
+        left[np.abs(directions @ directions[best]) > apart] = np.inf
     return kept
