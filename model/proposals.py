@@ -86,6 +86,9 @@ def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: int) -> t
     signs = _SIGNS[:frames]
     outputs = checkpoint.compiled(*((grid, signs < 0) for grid in grids))
     planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
+    # Unit to seven digits as they come; their matrices are to be orthogonal to the last.
+    planes /= np.linalg.norm(planes[..., :3], axis=-1, keepdims=True)
+    quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
     signs = np.tile(signs, (len(grids), 1))
     planes[..., :3] *= signs
     # A mirrored copy turns the other way round: the axis is a pseudovector.

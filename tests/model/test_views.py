@@ -122,6 +122,8 @@ def test_means_of_mirrored_frames_are_exact_where_the_shape_is_symmetric():
         said = predict(Checkpoint(checkpoint.network, spec, checkpoint.metadata), [grid], [np.eye(3)])[0]
         upright = said.planes[np.abs(said.planes[:, 2]) > 0.9]
         assert len(upright)
+        for directions in (said.planes[:, :3], said.directions):
+            np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-14)
         errors = np.abs(upright - np.array([0.0, 0.0, 1.0, 0.0]) * np.sign(upright[:, [2]])).max(1)
         assert (errors.min() < 1e-12) == exact
         assert errors.max() > 1e-5
