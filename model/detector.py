@@ -78,7 +78,8 @@ class Detector:
         quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
         faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
         mesh = Mesh.checked(corners, faces)
-        self.detect(mesh)
+        for mode in ("full", "paper"):
+            self.detect(mesh, mode=mode)
         _ = mesh.bounds, mesh.area, mesh.watertight
 
     def detect(
