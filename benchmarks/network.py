@@ -19,9 +19,9 @@ from model.checkpoint import Checkpoint, load_checkpoint
 from model.detector import use_one_thread
 from model.formats import read_mesh
 from model.frames import UnitFrame, inertia_frame
-from model.proposals import predict, turned_voxels
+from model.proposals import turned_voxels
 from model.types import FloatArray, IntArray
-from model.views import choose, other_views
+from model.views import look, other_views
 
 MESHES = Path(__file__).parents[1] / "tests/data"
 RUNS = 25
@@ -78,14 +78,9 @@ def _as_used(
     """Milliseconds of one pass over all its frames, and with means and the choice among all answers; voxels given."""
     rotations = [principal, *other_views(principal)][: checkpoint.input.views]
     grids = [turned_voxels(checkpoint, vertices, faces, rotation) for rotation in rotations]
-    heads, flips = checkpoint.network.architecture, FLIPS[: checkpoint.input.sign_frames]
-
-    def look() -> None:
-        said = predict(checkpoint, grids, rotations)
-        if len(said) > 1 or checkpoint.input.sign_frames > 1:
-            choose(said, grids[0], principal, heads.planes, heads.rotations)
-
-    return median_ms(partial(checkpoint.compiled, *((grid, flips) for grid in grids))), median_ms(look)
+    flips = FLIPS[: checkpoint.input.sign_frames]
+    forward = partial(checkpoint.compiled, *((grid, flips) for grid in grids))
+    return median_ms(forward), median_ms(partial(look, checkpoint, grids, rotations))
 
 
 if __name__ == "__main__":

@@ -26,7 +26,6 @@ from model.proposals import (
     Proposals,
     input_rotation,
     next_rotation,
-    predict,
     predict_each,
     turned_voxels,
 )
@@ -38,7 +37,7 @@ from model.surface import SurfaceIndex
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
 from model.validation import MAX_ERROR
-from model.views import choose, other_views
+from model.views import look, other_views
 
 REFINE_SAMPLES = 240
 """Surface samples that elements are refined on in full mode; they are judged on others."""
@@ -173,10 +172,7 @@ class Detector:
             grids = [turned_voxels(checkpoint, vertices, faces, turn) for turn in rotations]
             spent["voxelize"] += _since(mark)
             mark = time.perf_counter()
-            said = predict(checkpoint, grids, rotations)
-            heads = checkpoint.network.architecture
-            several = len(said) > 1 or checkpoint.input.sign_frames > 1
-            proposals = choose(said, grids[0], rotation, heads.planes, heads.rotations) if several else said[0]
+            proposals = look(checkpoint, grids, rotations)
             spent["infer"] += _since(mark)
             mark = time.perf_counter()
             if left:

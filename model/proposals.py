@@ -63,22 +63,13 @@ def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Seque
     planes, quaternions = (values.reshape(len(values), len(grids), frames, 4) for values in seen)
     if frames > 1:
         planes, quaternions = _with_means(planes, _mean_planes), _with_means(quaternions, sign_free_mean)
-    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
-    return [
-        Proposals(
-            np.concatenate([planes[:, view, :, :3] @ rotation, planes[:, view, :, 3:]], axis=-1).reshape(-1, 4),
-            (directions[:, view] @ rotation).reshape(-1, 3),
-            angles[:, view].ravel(),
-        )
-        for view, rotation in enumerate(rotations)
-    ]
+    return _proposals(planes, quaternions, rotations)
 
 
 def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
     """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
-    planes, quaternions = (values.reshape(-1, 4) for values in _heads(checkpoint, [voxels], frames))
-    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
-    return Proposals(np.column_stack([planes[:, :3] @ rotation, planes[:, 3]]), directions @ rotation, angles)
+    planes, quaternions = (values[:, None] for values in _heads(checkpoint, [voxels], frames))
+    return _proposals(planes, quaternions, [rotation])[0]
 
 
 def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: int) -> tuple[FloatArray, FloatArray]:
@@ -104,6 +95,19 @@ def _with_means(values: FloatArray, mean: Callable[[FloatArray], FloatArray]) ->
     if frames > 2:
         parts.append(mean(values)[:, :, None])
     return np.concatenate(parts, axis=2)
+
+
+def _proposals(planes: FloatArray, quaternions: FloatArray, rotations: Sequence[FloatArray]) -> list[Proposals]:
+    """Answers ``(h, v, k, 4)`` of every view, out of the frame of its voxels back into the unit frame."""
+    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
+    return [
+        Proposals(
+            np.concatenate([planes[:, view, :, :3] @ rotation, planes[:, view, :, 3:]], axis=-1).reshape(-1, 4),
+            (directions[:, view] @ rotation).reshape(-1, 3),
+            angles[:, view].ravel(),
+        )
+        for view, rotation in enumerate(rotations)
+    ]
 
 
 def next_rotation(proposals: Proposals, rotation: FloatArray) -> FloatArray:

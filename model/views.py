@@ -14,8 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from model.checkpoint import Checkpoint
 from model.operations import Operations
-from model.proposals import Proposals
+from model.proposals import Proposals, predict
 from model.scan import DistanceGrid
 from model.transforms import rotation_matrix
 from model.types import BoolArray, FloatArray
@@ -37,6 +38,21 @@ _AXES_APART = float(np.cos(np.deg2rad(60.0)))
 def other_views(rotation: FloatArray) -> list[FloatArray]:
     """The further frames ``(3, 3)`` beside that of ``rotation``."""
     return [turn @ rotation for turn in _TURNS]
+
+
+def look(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence[FloatArray]) -> Proposals:
+    """One pass over all views: what the network says of the shape, chosen where it says several things.
+
+    Args:
+        checkpoint: the network.
+        grids: the views' voxels ``(R, R, R)``, the main view's first.
+        rotations: from the unit frame to that of each view's voxels.
+    """
+    said = predict(checkpoint, grids, rotations)
+    if len(grids) == checkpoint.input.sign_frames == 1:
+        return said[0]
+    heads = checkpoint.network.architecture
+    return choose(said, grids[0], rotations[0], heads.planes, heads.rotations)
 
 
 def choose(
