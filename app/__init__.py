@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from model import __version__ as __version__
 
 if TYPE_CHECKING:
-    from app.client import AsyncClient, Client
-    from app.client_errors import (
+    from app.client.client import AsyncClient, Client
+    from app.client.errors import (
         ClientError,
         ProblemAnswerError,
         RequestError,
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from app.schemas import DetectResponse
 
 _HOMES = {
-    "AsyncClient": "client",
-    "Client": "client",
-    "ClientError": "client_errors",
+    "AsyncClient": "client.client",
+    "Client": "client.client",
+    "ClientError": "client.errors",
     "DetectResponse": "schemas",
-    "ProblemAnswerError": "client_errors",
-    "RequestError": "client_errors",
-    "UnavailableError": "client_errors",
-    "UnexpectedAnswerError": "client_errors",
-    "UnreachableError": "client_errors",
-    "UnusableMeshError": "client_errors",
+    "ProblemAnswerError": "client.errors",
+    "RequestError": "client.errors",
+    "UnavailableError": "client.errors",
+    "UnexpectedAnswerError": "client.errors",
+    "UnreachableError": "client.errors",
+    "UnusableMeshError": "client.errors",
     "complete": "local",
     "detect": "local",
     "halve": "local",

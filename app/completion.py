@@ -9,9 +9,9 @@ import numpy as np
 
 from app import schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
+from model.completion.mirroring import Completed, complete
 from model.errors import NoPlaneError
-from model.mesh import Mesh
-from model.mirroring import Completed, complete
+from model.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
     from model.detection import Detection

@@ -11,7 +11,7 @@ from model.formats import MOST_NODES, MOST_UNPACKED_BYTES, read_mesh
 
 if TYPE_CHECKING:
     from model.detection import Axis, Detection, Plane, Rejected
-    from model.mesh import Mesh
+    from model.meshes.mesh import Mesh
     from model.types import FloatArray
 
 
@@ -45,6 +45,17 @@ class SymmetryDetector(Protocol):
     def detect(self, mesh: "Mesh", *, mode: Mode = ..., max_error: float = ...) -> "Detection":
         """Find the symmetries of ``mesh``."""
         ...
+
+
+def load_detector(weights: str) -> SymmetryDetector:
+    """The real detector with ``weights``.
+
+    Raises:
+        model.errors.CheckpointError: the weights are missing, damaged or do not fit.
+    """
+    from model.detector import Detector  # here: torch and numba take seconds to import
+
+    return Detector.load(weights)
 
 
 @dataclass(frozen=True, slots=True)

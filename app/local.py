@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app import runtime
+from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.meshes import WRITERS
 from app.planes import PlaneLike, plane_numbers
 from app.schemas import Completion, DetectResponse, Include, MeshFormat, Mode
-from model import mirroring
-from model.mesh import Mesh, MeshLike, as_mesh
+from model.completion import mirroring
+from model.formats.conversion import MeshLike, as_mesh
+from model.meshes.mesh import Mesh
 from model.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def detect(
     include: Collection[Include] = (),
     weights: str = "default",
 ) -> DetectResponse:
-    """The symmetries of a mesh, as ``POST /detect`` and `app.client.Client.detect` answer.
+    """The symmetries of a mesh, as ``POST /detect`` and `app.client.client.Client.detect` answer.
 
     Args:
         mesh: the path of a file, a ``trimesh`` object, ``(vertices, faces)``, or a `model.Mesh`.
@@ -145,7 +146,7 @@ def detector_of(weights: str) -> "SymmetryDetector":
     Raises:
         model.CheckpointError: they cannot be used.
     """
-    return runtime.load_detector(weights)
+    return detection.load_detector(weights)
 
 
 def _name(mesh: MeshLike) -> str:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.meshes import displaced_sphere, milliseconds, sizes
-from model.sampling import sample_surface
-from model.surface import SurfaceIndex
+from model.geometry.sampling import sample_surface
+from model.geometry.surface import SurfaceIndex
 from model.types import FloatArray, IntArray
 
 _QUERIES = 30_000

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from model.network import Architecture, PRSNet
+from model.network.network import Architecture, PRSNet
 
 BATCH, ROUNDS = 32, 9
 

@@ -1,7 +1,7 @@
 """How long the network takes on one core: `python benchmarks/network.py [WEIGHTS...]`.
 
-CPU milliseconds of `model.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for 1, 2, 4 and 8 sign
-frames in one batch, beside `PRSNet.forward` on the same batch; and of the frames of paper mode, alone and with the
+CPU milliseconds of `model.network.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for
+1, 2, 4 and 8 sign frames in one batch, beside `PRSNet.forward` on the same batch; and of the frames of paper mode, alone and with the
 choice among their answers. Medians; run it on an idle machine.
 """
 
@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.checkpoint import Checkpoint, load_checkpoint
 from model.detector import use_one_thread
 from model.formats import read_mesh
-from model.frames import UnitFrame, inertia_frame
-from model.proposals import turned_voxels
+from model.geometry.frames import UnitFrame, inertia_frame
+from model.network.checkpoint import Checkpoint, load_checkpoint
+from model.network.proposals import turned_voxels
+from model.network.views import look, other_views
 from model.types import FloatArray, IntArray
-from model.views import look, other_views
 
 MESHES = Path(__file__).parents[1] / "tests/data"
 RUNS = 25

@@ -10,8 +10,8 @@ import importlib.util
 import numpy as np
 
 from benchmarks.meshes import displaced_sphere, milliseconds, sizes
-from model.sampling import sample_surface
-from model.voxels import voxelize
+from model.geometry.sampling import sample_surface
+from model.geometry.voxels import voxelize
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from training.truth import load
+from training.oracle.truth import load
 
 
 def main(source: Path, target: Path) -> None:

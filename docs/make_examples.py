@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from training.point_groups import rotation
-from training.solids import Solid, loft, merge, moved, orbit, regular_solid, revolve, ring
+from training.shapes.point_groups import rotation
+from training.shapes.solids import Solid, loft, merge, moved, orbit, regular_solid, revolve, ring
 
 ROOT = Path(__file__).parents[1]
 TARGET = ROOT / "app" / "viewer" / "examples"

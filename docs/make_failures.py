@@ -17,15 +17,15 @@ from matplotlib.figure import Figure
 from app.outputs.rendering import Scene, camera
 from model import Detector
 from model.formats import read_mesh
-from model.frames import UnitFrame
-from model.sampling import sample_surface
-from model.surface import SurfaceIndex
-from model.transforms import reflect
+from model.geometry.frames import UnitFrame
+from model.geometry.sampling import sample_surface
+from model.geometry.surface import SurfaceIndex
+from model.geometry.transforms import reflect
 from model.types import FloatArray, IntArray
-from training.damage import show
+from training.evaluation.corruptions import show
+from training.evaluation.matching import nearest_clear_plane
 from training.layouts import find_meshes
-from training.matching import nearest_clear_plane
-from training.truth import Truth, load
+from training.oracle.truth import Truth, load
 
 ROOT = Path(__file__).parents[1]
 TRUTH = ROOT / "docs/runs/groundtruth/corpus-test.json"

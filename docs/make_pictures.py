@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from app.outputs.rendering import Scene, camera
 from model import Detection, Detector
-from model.mesh import Mesh
-from training.shapes import generate
+from model.meshes.mesh import Mesh
+from training.shapes.catalogue import generate
 
 ROOT = Path(__file__).parents[1]
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -35,7 +35,7 @@ GROUPS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
         ("polyhedron", {"solid": "dodecahedron"}),
     ],
 }
-"""Two sheets of five: files of tests/data (Kenney and Quaternius, CC0-1.0), and families of `training.shapes`."""
+"""Two sheets of five: files of tests/data (Kenney and Quaternius, CC0-1.0), families of `training.shapes.catalogue`."""
 
 PLANE_COLOUR, FAMILY_COLOUR = "#00798c", "#edae49"
 AXIS_COLOURS = {2: "#444444", 3: "#2e8b57", 4: "#d1495b", 5: "#8e44ad", 6: "#c77700"}

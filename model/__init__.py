@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from model.detector import Detector
     from model.errors import CheckpointError, MeshError, PRSNetError
     from model.formats import read_mesh
-    from model.mesh import Mesh
-    from model.network import PRSNet
+    from model.meshes.mesh import Mesh
+    from model.network.network import PRSNet
 
 __version__ = "0.1.0"
 
@@ -22,9 +22,9 @@ _HOMES = {
     "CheckpointError": "errors",
     "Detection": "detection",
     "Detector": "detector",
-    "Mesh": "mesh",
+    "Mesh": "meshes.mesh",
     "MeshError": "errors",
-    "PRSNet": "network",
+    "PRSNet": "network.network",
     "PRSNetError": "errors",
     "Plane": "detection",
     "Rejected": "detection",

@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.mesh import Mesh
+from model.geometry.transforms import reflection_homogeneous, rotation_homogeneous
+from model.meshes.mesh import Mesh
 from model.symmetries import Reason
-from model.transforms import reflection_homogeneous, rotation_homogeneous
 from model.types import FloatArray
 
 

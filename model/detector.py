@@ -15,29 +15,30 @@ from typing import Any, Literal, Self
 import numpy as np
 import torch
 
-from model.checkpoint import Checkpoint, load_checkpoint
 from model.detection import Detection
-from model.frames import UnitFrame, canonical_signs, inertia_frame
-from model.full import Sources, find_symmetries
-from model.judgement import MORE_SAMPLES, SAMPLES, Judge
-from model.mesh import Mesh, MeshLike, as_mesh
-from model.paper import validated
-from model.proposals import (
+from model.formats.conversion import MeshLike, as_mesh
+from model.geometry.frames import UnitFrame, canonical_signs, inertia_frame
+from model.geometry.sampling import extreme_vertices, sample_surface
+from model.geometry.scan import DistanceGrid, directions
+from model.geometry.surface import SurfaceIndex
+from model.meshes.mesh import Mesh
+from model.network.checkpoint import Checkpoint, load_checkpoint
+from model.network.proposals import (
     Proposals,
     input_rotation,
     next_rotation,
     predict_each,
     turned_voxels,
 )
+from model.network.views import look, other_views
+from model.paper.paper_mode import validated
+from model.paper.validation import MAX_ERROR
 from model.report import to_input
-from model.sampling import extreme_vertices, sample_surface
-from model.scan import DistanceGrid, directions
-from model.shape import Shape
-from model.surface import SurfaceIndex
+from model.search.full import Sources, find_symmetries
+from model.search.judgement import MORE_SAMPLES, SAMPLES, Judge
+from model.search.shape import Shape
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
-from model.validation import MAX_ERROR
-from model.views import look, other_views
 
 REFINE_SAMPLES = 240
 """Surface samples that elements are refined on in full mode; they are judged on others."""

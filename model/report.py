@@ -3,11 +3,11 @@
 import numpy as np
 
 from model.detection import Axis, Detection, Plane, Rejected
-from model.frames import UnitFrame
-from model.judgement import EXACT_ERROR
-from model.mesh import Mesh
+from model.geometry.frames import UnitFrame
+from model.geometry.transforms import canonical_sign
+from model.meshes.mesh import Mesh
+from model.search.judgement import EXACT_ERROR
 from model.symmetries import FoundAxis, FoundPlane, Symmetries, TurnedDown
-from model.transforms import canonical_sign
 from model.types import FloatArray
 
 

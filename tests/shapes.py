@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.mesh import Mesh
+from model.meshes.mesh import Mesh
 from model.types import FloatArray
-from training.shapes import KnownShape, generate
-from training.solids import random_rotation
+from training.shapes.catalogue import KnownShape, generate
+from training.shapes.solids import random_rotation
 
 
 def known(family: str, seed: int = 0, **parameters: object) -> KnownShape:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from app import problems
-from app.runtime import Runtime
+from app.http.runtime import Runtime
 from app.settings import Settings
 
 DEPLOY = Path(__file__).parents[1] / "deploy"

@@ -89,10 +89,13 @@ def test_import_contracts_hold() -> None:
     ("modules", "absent"),
     [
         (
-            "training.fit",
+            "training.trainer.fit",
             "numba trimesh lxml networkx fastapi starlette uvicorn pydantic typer httpx scipy tensorboard",
         ),
-        ("app.main, app.server, app.cli, model.detector", "tqdm tensorboard matplotlib scipy training"),
+        (
+            "app.http.main, app.http.server, app.cli.commands, model.detector",
+            "tqdm tensorboard matplotlib scipy training",
+        ),
         ("model.detector", "fastapi starlette uvicorn pydantic typer httpx app training"),
     ],
 )

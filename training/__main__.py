@@ -41,8 +41,8 @@ def prepare(
     progress: Verbose = True,
 ) -> None:
     """Turn folders of meshes into packed arrays. Call it again to resume."""
-    from training.prepare import Options
-    from training.prepare import prepare as run
+    from training.data.prepare import Options
+    from training.data.prepare import prepare as run
 
     try:
         options = Options(resolution, samples, mesh_only)
@@ -69,9 +69,9 @@ def label(
     progress: Verbose = True,
 ) -> None:
     """Find planes with a classical method, for the recipe's section [supervision]. Call it again to resume."""
-    from training.labels import Options
-    from training.labels import label as run
-    from training.prepared import PreparedSet
+    from training.data.labels import Options
+    from training.data.labels import label as run
+    from training.data.prepared import PreparedSet
 
     try:
         summary = run(PreparedSet(prepared), Options(method, planes, max_error), truth, workers, progress)
@@ -117,12 +117,12 @@ def fit(
     import torch
 
     from model.errors import PRSNetError
-    from training.fit import Start
-    from training.fit import fit as train
-    from training.mixture import Mixture
-    from training.monitor import CollapseError
-    from training.prepared import PreparedSet
+    from training.data.mixture import Mixture
+    from training.data.prepared import PreparedSet
     from training.recipe import Recipe
+    from training.trainer.fit import Start
+    from training.trainer.fit import fit as train
+    from training.trainer.monitor import CollapseError
 
     torch.set_num_threads(threads)
     if amp not in (None, "bf16"):
@@ -139,7 +139,7 @@ def fit(
             data = Mixture(data, [_share(entry) for entry in mix])
         begin = None
         if start is not None:
-            from model.checkpoint import load_checkpoint
+            from model.network.checkpoint import load_checkpoint
 
             given = load_checkpoint(start)
             begin = Start(given.network, {key: given.metadata[key] for key in ("name", "version", "sha256")})
@@ -186,7 +186,7 @@ def export(
     ] = None,
 ) -> None:
     """Turn a training checkpoint into weights the service loads."""
-    from training.export import export_run
+    from training.trainer.export import export_run
 
     try:
         export_run(run, out, name=name, metrics=metrics or [], which=checkpoint, settings=settings or [])
@@ -234,9 +234,9 @@ def evaluate(
     """Judge raw networks and paper mode, or full mode, beside other methods: exact distances, one table."""
     if mode not in ("paper", "full"):
         raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
-    from training import full_command, network_command
-    from training.evaluate import Options as NetworkOptions
-    from training.full_evaluation import Options as FullOptions
+    from training.evaluation import full_command, network_command
+    from training.evaluation.full_evaluation import Options as FullOptions
+    from training.evaluation.networks import Options as NetworkOptions
 
     try:
         if mode == "full":
@@ -272,7 +272,7 @@ def groundtruth(
     progress: Verbose = True,
 ) -> None:
     """Search every plane and axis of every mesh: exhaustive, slow, independent of the detector. Resumes."""
-    from training.groundtruth import groundtruth as run
+    from training.oracle.groundtruth import groundtruth as run
 
     try:
         summary = run(folders, out, limit=limit, workers=workers, progress=progress)
@@ -289,8 +289,8 @@ def heldout(
     limit: Annotated[int | None, typer.Option(min=1, help="Write so many of them, drawn at random.")] = None,
 ) -> None:
     """Write the shapes `fit` keeps for validation as meshes: settings are chosen on them, with `evaluate`."""
-    from training.heldout import TRUTH_FILE, write_held_out
-    from training.prepared import PreparedSet
+    from training.data.heldout import TRUTH_FILE, write_held_out
+    from training.data.prepared import PreparedSet
 
     try:
         count = write_held_out(PreparedSet(prepared), out, share, limit)
@@ -306,7 +306,7 @@ def shapes(
     seed: Annotated[int, typer.Option()] = 0,
 ) -> None:
     """Write procedural shapes with known symmetries: to train, test and demonstrate without any data at hand."""
-    from training.shapes import write_shapes
+    from training.shapes.catalogue import write_shapes
 
     write_shapes(out, count, seed)
     typer.echo(f"wrote {count} shapes to {out}")
@@ -318,7 +318,7 @@ def curve(
     out: Annotated[Path, typer.Option("--out", "-o", help="PNG or SVG to write.")],
 ) -> None:
     """Draw the training curves of runs."""
-    from training.curve import draw_curves
+    from training.trainer.curve import draw_curves
 
     draw_curves(runs, out)
     typer.echo(f"wrote {out}")
@@ -326,7 +326,7 @@ def curve(
 
 def _share(entry: str) -> Any:
     """PREPARED:SHARE as a prepared set and a number."""
-    from training.prepared import PreparedSet
+    from training.data.prepared import PreparedSet
 
     path, _, share = entry.rpartition(":")
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_type_hints
 
-from model.network import Architecture
+from model.network.network import Architecture
 
 RECIPES = Path(__file__).parent / "recipes"
 
@@ -131,7 +131,7 @@ class InferenceRecipe:
     sign_frames: int = 1
     """8 averages every head over the sign choices of the inertia frame in one batch; 1 takes the frame as it comes."""
     views: int = 1
-    """3 looks from two further frames and chooses on the voxels (`model.views`); 1 does not."""
+    """3 looks from two further frames and chooses on the voxels (`model.network.views`); 1 does not."""
 
 
 @dataclass(frozen=True, slots=True)

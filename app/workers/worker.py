@@ -8,9 +8,9 @@ import traceback
 from typing import NoReturn
 
 from app.detection import MeshLimits, Options, SymmetryDetector, parse_and_detect
-from app.warmup import sample_files
 from app.workers import sandbox, wire
 from app.workers.jobs import perform
+from app.workers.warmup import sample_files
 from model.errors import MeshError
 
 _LONGEST_TRACE = 8000

@@ -20,9 +20,9 @@ import traceback
 from collections.abc import Callable
 from types import FrameType
 
-from app.detection import SymmetryDetector
-from app.warmup import warm_up
+from app.detection import SymmetryDetector, load_detector
 from app.workers import wire
+from app.workers.warmup import warm_up
 from app.workers.wire import Walls
 from app.workers.worker import live
 from model.errors import CheckpointError
@@ -119,8 +119,6 @@ def _ended(children: set[int]) -> list[tuple[int, int]]:
 
 def main() -> None:
     """Serve with what the command line says."""
-    from app.runtime import load_detector
-
     walls = Walls(**json.loads(sys.argv[2]))
 
     def load() -> SymmetryDetector:

@@ -12,7 +12,7 @@ from model.formats._obj import read_obj
 from model.formats._off import is_off, read_off
 from model.formats._ply import read_ply
 from model.formats._stl import is_ascii_stl, is_binary_stl, read_stl
-from model.mesh import Mesh
+from model.meshes.mesh import Mesh
 
 _READERS: dict[str, Callable[[bytes, Limits], RawMesh]] = {
     "stl": read_stl,

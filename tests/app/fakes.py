@@ -21,8 +21,8 @@ from typing import Any
 import httpx
 import numpy as np
 
-from app.main import create_app
-from app.runtime import Runtime, State
+from app.http.main import create_app
+from app.http.runtime import Runtime, State
 from app.settings import Settings
 from app.workers import zygote
 from app.workers.wire import Walls

@@ -22,7 +22,7 @@ import uvicorn
 
 import app
 from app import AsyncClient, Client, UnavailableError, UnexpectedAnswerError, UnreachableError, UnusableMeshError
-from app.client_errors import ClientError, ProblemAnswerError, RequestError
+from app.client.errors import ClientError, ProblemAnswerError, RequestError
 from app.schemas import DetectResponse
 
 from .server import ROOT, Server, running

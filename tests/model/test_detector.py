@@ -9,11 +9,11 @@ import pytest
 import trimesh
 
 from model import Detection, Detector, Mesh
-from model.frames import UnitFrame
-from model.mesh import as_mesh as to_mesh
-from model.sampling import sample_surface
-from model.surface import SurfaceIndex
-from model.validation import MAX_ERROR
+from model.geometry.frames import UnitFrame
+from model.geometry.sampling import sample_surface
+from model.geometry.surface import SurfaceIndex
+from model.meshes.mesh import as_mesh as to_mesh
+from model.paper.validation import MAX_ERROR
 from tests.shapes import as_mesh, box, known, moved, pose
 
 DATA = Path(__file__).parent.parent / "data"

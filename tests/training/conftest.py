@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.shapes import as_mesh, known
-from training.prepare import Options, prepare
-from training.prepared import PreparedSet
+from training.data.prepare import Options, prepare
+from training.data.prepared import PreparedSet
 
 SMALL = ("box", "mirror", "pyramid", "chair", "table", "none")
 

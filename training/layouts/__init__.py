@@ -14,7 +14,7 @@ import numpy as np
 
 from model.errors import UnreadableMeshError
 from model.formats import read_mesh
-from model.mesh import Mesh
+from model.meshes.mesh import Mesh
 from training.layouts import abc_dataset, modelnet, plain, shapenet, thingi10k
 from training.layouts._files import SourceFile
 from training.layouts._manifest import Manifest

@@ -1,0 +1,205 @@
+"""Many files, one after the other or several at a time: what is behind ``prsnet detect``.
+
+A file that cannot be read, or on which a process dies, costs its own answer and no other's.
+"""
+
+import functools
+import glob
+import os
+from collections.abc import Generator, Iterable
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.client.errors import ClientError, UnreachableError
+from app.schemas import DetectResponse, Include, Mode
+
+if TYPE_CHECKING:
+    from app.client.client import Client
+    from app.outputs.png import Up
+
+EXTENSIONS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf")
+_ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to do with every file; files with the mesh drawn or annotated go to the folders that are named."""
+
+    mode: Mode = "full"
+    max_error: float = 4e-4
+    include: tuple[Include, ...] = ()
+    glb_folder: Path | None = None
+    png_folder: Path | None = None
+    up: "Up | None" = None
+    weights: str = "default"
+    url: str | None = None
+    api_key: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one file: an answer, or the reason why there is none; and whether the service was there at all."""
+
+    path: Path
+    response: DetectResponse | None
+    error: str = ""
+    unreachable: bool = False
+
+
+def expand(names: Iterable[str]) -> tuple[list[Path], list[Outcome]]:
+    """The files that names, folders with all they contain, and patterns stand for, each once; and what names none.
+
+    Of a folder only files of a known format are taken; a file that is named is taken whatever its name.
+    """
+    found: dict[Path, None] = {}
+    missing: list[Outcome] = []
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            inside = sorted(item for item in path.rglob("*") if item.suffix.lower() in EXTENSIONS and item.is_file())
+            if not inside:
+                missing.append(Outcome(path, None, "The folder holds no mesh files."))
+            found.update(dict.fromkeys(inside))
+        elif path.exists() or not glob.has_magic(name):
+            found[path] = None
+        else:
+            matches = sorted(Path(item) for item in glob.glob(name, recursive=True) if Path(item).is_file())
+            if not matches:
+                missing.append(Outcome(path, None, "No file has such a name."))
+            found.update(dict.fromkeys(matches))
+    return list(found), missing
+
+
+def run(paths: list[Path], task: Task, jobs: int) -> Generator[Outcome, None, None]:
+    """The outcomes, in the order of the files, as they come."""
+    if task.url is not None:
+        with _client(task) as client, ThreadPoolExecutor(jobs) as threads:
+            yield from threads.map(functools.partial(_ask, client, task), paths)
+    elif jobs == 1 or len(paths) == 1:
+        yield from (work(path, task) for path in paths)
+    else:
+        yield from _in_processes(paths, task, jobs)
+
+
+def work(path: Path, task: Task) -> Outcome:
+    """Detect, in this process, and write the files that are wanted.
+
+    Raises:
+        model.CheckpointError: the weights cannot be used.
+    """
+    from app.local import detect
+    from app.outputs.glb import annotated_head
+    from app.outputs.meshes import WRITERS
+    from app.outputs.png import picture
+    from model.errors import MeshError
+    from model.formats.conversion import as_mesh
+
+    try:
+        mesh = as_mesh(path)
+        response = detect(
+            mesh, mode=task.mode, max_error=task.max_error, include=task.include, weights=task.weights
+        )  # fmt: skip
+        response = named(response, Path(path.name))
+        if task.glb_folder is not None:
+            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds)
+            target(path, task.glb_folder, ".glb").write_bytes(annotated_head(response, body) + body)
+        if task.png_folder is not None:
+            drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)
+            target(path, task.png_folder, ".png").write_bytes(drawn)
+    except OSError as error:
+        return Outcome(path, None, error.strerror or str(error))
+    except MeshError as error:
+        return Outcome(path, None, str(error))
+    except MemoryError:
+        return Outcome(path, None, "The mesh needs more memory than there is.")
+    return Outcome(path, response)
+
+
+def target(path: Path, folder: Path, extension: str) -> Path:
+    """Where what is made of a file goes."""
+    return folder / f"{path.stem}-symmetries{extension}"
+
+
+@contextmanager
+def _client(task: Task) -> "Generator[Client, None, None]":
+    from app.client.client import Client
+
+    with Client(task.url or "", api_key=task.api_key, retries=8) as client:
+        yield client
+
+
+def _ask(client: "Client", task: Task, path: Path) -> Outcome:
+    try:
+        response = client.detect(path, mode=task.mode, max_error=task.max_error, include=task.include)
+        if task.glb_folder is not None:
+            data = client.export(path, "glb", mode=task.mode, max_error=task.max_error)
+            target(path, task.glb_folder, ".glb").write_bytes(data)
+        if task.png_folder is not None:
+            from app.outputs.png import picture
+            from model.formats.conversion import as_mesh
+
+            mesh = as_mesh(path)
+            drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)
+            target(path, task.png_folder, ".png").write_bytes(drawn)
+    except OSError as error:
+        return Outcome(path, None, error.strerror or str(error))
+    except ClientError as error:
+        return Outcome(path, None, str(error), isinstance(error, UnreachableError))
+    return Outcome(path, response)
+
+
+def _in_processes(paths: list[Path], task: Task, jobs: int) -> Generator[Outcome, None, None]:
+    with _processes(min(jobs, len(paths))) as pool:
+        futures = [pool.submit(work, path, task) for path in paths]
+        for path, future in zip(paths, futures, strict=True):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                # Some file killed its process, and with it the answers of others: each gets one of its own.
+                yield _alone(path, task)
+
+
+def _alone(path: Path, task: Task) -> Outcome:
+    with _processes(1) as pool:
+        try:
+            return pool.submit(work, path, task).result()
+        except BrokenProcessPool:
+            return Outcome(path, None, "The process that worked on the file died.")
+
+
+@contextmanager
+def _processes(count: int) -> Generator[Executor, None, None]:
+    """Processes with one thread for arithmetic each: they are as many as there are cores."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    try:
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_start) as pool:
+            yield pool
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _start() -> None:
+    from model.detector import use_one_thread
+
+    use_one_thread()
+
+
+def bop_key(path: Path) -> str:
+    """The name of a model in ``models_info.json``: the number of ``obj_000012.ply``, or a file's name as it is."""
+    head, _, number = path.stem.partition("_")
+    return str(int(number)) if head == "obj" and number.isascii() and number.isdigit() else path.stem
+
+
+def named(response: DetectResponse, path: Path) -> DetectResponse:
+    """The answer with a path for its file's name: where several are told of, the last part is not enough."""
+    return response.model_copy(update={"mesh": response.mesh.model_copy(update={"filename": str(path)})})

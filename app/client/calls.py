@@ -1,0 +1,175 @@
+"""What both clients send, and what they make of the answer: everything but the sending."""
+
+import email.utils
+import os
+import random
+import time
+from collections.abc import Collection, Generator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeVar, Union
+
+import httpx
+from pydantic import ValidationError
+
+from app.client.errors import UnexpectedAnswerError, UnreachableError, for_problem
+from app.planes import PlaneLike, plane_numbers
+from app.schemas import COMPLETION, KEY_HEADER, Completion, Format, Include, MeshFormat, Mode, Problem, Schema
+
+if TYPE_CHECKING:
+    from model.formats.conversion import MeshLike
+
+FIELD = "file"
+Source: TypeAlias = Union["MeshLike", tuple[str, bytes]]
+"""What a client can send: see `model.meshes.mesh.MeshLike`; or a file name and the file's bytes."""
+
+_WORTH_ANOTHER_TRY = frozenset({429, 503})
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 30.0
+
+S = TypeVar("S", bound=Schema)
+
+
+@dataclass(frozen=True, slots=True)
+class CompletedFile:
+    """A completed mesh as the file it came as, and what was done."""
+
+    data: bytes
+    format: MeshFormat
+    completion: Completion
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the file.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        Path(path).write_bytes(self.data)
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One request, that can be made several times."""
+
+    method: str
+    path: str
+    query: Mapping[str, Any]
+    source: Source | None = None
+    accept: str | None = None
+
+    @contextmanager
+    def arguments(self) -> Generator[dict[str, Any], None, None]:
+        """Arguments for httpx, with the file opened anew."""
+        with ExitStack() as stack:
+            given: dict[str, Any] = {"params": self.query}
+            if self.source is not None:
+                name, content = _upload(self.source, stack)
+                given["files"] = {FIELD: (name, content, "application/octet-stream")}
+            if self.accept:
+                given["headers"] = {"Accept": self.accept}
+            yield given
+
+
+def _upload(source: Source, stack: ExitStack) -> tuple[str, bytes | BinaryIO]:
+    if isinstance(source, tuple) and len(source) == 2 and isinstance(source[0], str) and isinstance(source[1], bytes):
+        return source[0], source[1]
+    if isinstance(source, str | os.PathLike):
+        path = Path(source)
+        return path.name, stack.enter_context(path.open("rb"))
+    from app.outputs.meshes import WRITERS  # here: numba takes a second to import, and files do not need it
+    from model.formats.conversion import as_mesh
+
+    mesh = as_mesh(source)
+    return "mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces)
+
+
+def detect_call(
+    mesh: Source, mode: Mode, max_error: float, include: Collection[Include], format: Format | None = None
+) -> Call:
+    """``POST /detect``."""
+    query: dict[str, Any] = {"mode": mode, "max_error": max_error, "include": list(include)}
+    return Call("POST", "/detect", query | ({"format": format} if format else {}), mesh)
+
+
+def complete_call(
+    mesh: Source, format: MeshFormat, plane: PlaneLike | None, symmetrize: bool, max_error: float
+) -> Call:
+    """``POST /complete``."""
+    query: dict[str, Any] = {"format": format, "symmetrize": symmetrize, "max_error": max_error}
+    if plane is not None:
+        *normal, offset = plane_numbers(plane).tolist()
+        query |= {"normal": ",".join(map(repr, normal)), "offset": offset}
+    return Call("POST", "/complete", query, mesh)
+
+
+def parsed(schema: type[S], text: bytes | str) -> S:
+    """An answer.
+
+    Raises:
+        UnexpectedAnswerError: it is none of this schema.
+    """
+    try:
+        return schema.model_validate_json(text)
+    except ValidationError as error:
+        raise UnexpectedAnswerError(f"The answer is no {schema.__name__} of this version of the client.") from error
+
+
+def completed(response: httpx.Response, format: MeshFormat) -> CompletedFile:
+    """The answer of ``POST /complete``.
+
+    Raises:
+        UnexpectedAnswerError: it does not say what was done.
+    """
+    done = parsed(Completion, response.headers.get(COMPLETION, ""))
+    return CompletedFile(response.content, format, done)
+
+
+def checked(response: httpx.Response) -> httpx.Response:
+    """The response, if it is an answer and no problem.
+
+    Raises:
+        ProblemAnswerError, UnexpectedAnswerError: it is not.
+    """
+    if response.is_success:
+        return response
+    if "problem+json" in response.headers.get("content-type", ""):
+        raise for_problem(parsed(Problem, response.content))
+    raise UnexpectedAnswerError(f"The status is {response.status_code}, without a problem document.")
+
+
+def pause(response: httpx.Response | None, attempt: int) -> float:
+    """Seconds to wait before the next try: what the service asks for, or else twice as long as before."""
+    own = _FIRST_PAUSE_S * 2**attempt * random.uniform(0.5, 1.0)
+    asked = response.headers.get("retry-after", "") if response is not None else ""
+    if asked.isascii() and asked.isdigit():
+        own = max(own, float(asked))
+    elif asked:
+        with suppress(ValueError):
+            own = max(own, email.utils.parsedate_to_datetime(asked).timestamp() - time.time())
+    return min(own, _LONGEST_PAUSE_S)
+
+
+class Settings:
+    """What both clients are made from."""
+
+    def __init__(
+        self, url: str, api_key: str | None, timeout: httpx.Timeout | float, retries: int, transport: Any
+    ) -> None:
+        if retries < 0:
+            raise ValueError("retries must not be negative")
+        self.retries = retries
+        headers = {} if api_key is None else {KEY_HEADER: api_key}
+        self.arguments: dict[str, Any] = {
+            "base_url": url, "headers": headers, "timeout": timeout, "transport": transport
+        }  # fmt: skip
+
+    def final(self, response: httpx.Response, attempt: int) -> bool:
+        """Whether a response is the last word."""
+        return response.status_code not in _WORTH_ANOTHER_TRY or attempt == self.retries
+
+    def unreachable(self, error: httpx.TransportError, attempt: int) -> UnreachableError | None:
+        """The exception, if another try is not worth it: the last one failed, or the time is up."""
+        late = isinstance(error, httpx.TimeoutException) and not isinstance(error, httpx.ConnectTimeout)
+        if attempt < self.retries and not late:
+            return None
+        return UnreachableError(f"No answer: {str(error) or type(error).__name__}.")

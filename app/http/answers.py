@@ -1,0 +1,84 @@
+"""From a checked answer to the HTTP response: which format, which headers."""
+
+from collections.abc import Callable
+
+from starlette.responses import Response
+
+from app import schemas
+from app.http.attachment import Attachment, disposition
+from app.http.runtime import Runtime
+from app.outputs import bop, csv_rows, shrec
+from app.outputs.meshes import WRITERS
+from app.outputs.negotiation import MEDIA_TYPES, Choice, choose
+from app.problems import NOT_ACCEPTABLE, OVERLOADED, ProblemError
+from app.workers.verify import Answer
+
+_VARY = {"Vary": "Accept"}
+
+
+def wanted_format(query: schemas.DetectQuery, accept: str | None) -> Choice:
+    """What to answer ``POST /detect`` with.
+
+    Raises:
+        ProblemError: ``not-acceptable`` (406).
+    """
+    choice = choose(query.format, accept)
+    if choice is None:
+        raise ProblemError(NOT_ACCEPTABLE, f"The header Accept names none of {', '.join(MEDIA_TYPES)}.", _VARY)
+    return choice
+
+
+def detected(runtime: Runtime, answer: Answer, query: schemas.DetectQuery, choice: Choice) -> Response:
+    """The response of ``POST /detect``.
+
+    Raises:
+        ProblemError: ``overloaded`` (503).
+    """
+    response = answer.content
+    assert isinstance(response, schemas.DetectResponse)
+    writers: dict[schemas.Format, Callable[[], bytes]] = {
+        "json": lambda: schemas.to_json(response, query.include),
+        "bop": lambda: bop.write(response),
+        "shrec": lambda: shrec.write(response, query.max_error),
+        "csv": lambda: csv_rows.write([response]),
+    }
+    if choice.format in writers:
+        # Not put together by Starlette, which would add a charset to any text; ours say what they are.
+        return Response(writers[choice.format](), headers={**_VARY, "Content-Type": _named(choice)})
+    headers = {**_VARY, "Content-Disposition": disposition(response.mesh.filename, "-symmetries.glb")}
+    return _attached(runtime, answer.file, headers, choice.media_type)
+
+
+def completed(runtime: Runtime, answer: Answer, format: schemas.MeshFormat) -> Response:
+    """The response of ``POST /complete``.
+
+    Raises:
+        ProblemError: ``overloaded`` (503).
+    """
+    content = answer.content
+    assert isinstance(content, schemas.CompletedMesh)
+    headers = {
+        schemas.COMPLETION: content.completion.model_dump_json(),
+        "Content-Disposition": disposition(content.mesh.filename, f"-completed.{format}"),
+    }
+    return _attached(runtime, answer.file, headers, WRITERS[format].media_type)
+
+
+def _named(choice: Choice) -> str:
+    return f"{choice.media_type}; charset=utf-8" if choice.media_type.startswith("text/") else choice.media_type
+
+
+def _attached(runtime: Runtime, parts: list[bytes], headers: dict[str, str], media_type: str) -> Response:
+    settings = runtime.settings
+    size = sum(map(len, parts))
+    if runtime.sending_bytes + size > settings.sending_bytes:
+        detail = "Too many answers are on their way to clients. Try again in a few seconds."
+        raise ProblemError(OVERLOADED, detail, {"Retry-After": "5"})
+    runtime.sending_bytes += size
+
+    def end() -> None:
+        runtime.sending_bytes -= size
+
+    return Attachment(
+        parts, headers, media_type, stall_s=settings.stall_s, seconds=settings.deadline_s, on_end=end
+    )  # fmt: skip

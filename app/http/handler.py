@@ -1,0 +1,114 @@
+"""One request about a mesh, from its first byte to the answer: who waits for what, and what ends it."""
+
+import asyncio
+import time
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+from fastapi import Request
+from starlette.requests import ClientDisconnect
+
+from app import schemas
+from app.http.middleware import stages
+from app.http.runtime import Runtime
+from app.http.uploads import read_upload
+from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, WORKER_LOST, ProblemError
+from app.workers.errors import OutOfMemoryError, TookTooLongError, WorkerLostError
+from app.workers.verify import Answer
+from app.workers.wire import Job
+
+T = TypeVar("T")
+
+
+async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
+    """What there is to say about the mesh that a request brings; ``wanted`` are members of `Job`.
+
+    Raises:
+        ProblemError: there is no answer, and why.
+        model.errors.MeshError: the mesh is to blame.
+        ClientDisconnect: nobody is left to answer.
+    """
+    seconds = runtime.settings.deadline_s
+    try:
+        async with asyncio.timeout(seconds):
+            return await _answer(request, runtime, wanted)
+    except TimeoutError as error:
+        raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
+    except TookTooLongError as error:
+        raise ProblemError(DEADLINE, str(error)) from error
+    except OutOfMemoryError as error:
+        raise ProblemError(MESH_TOO_LARGE, TOO_MUCH_MEMORY) from error
+    except WorkerLostError as error:
+        raise ProblemError(WORKER_LOST, WORKER_LOST.example, {"Retry-After": "1"}) from error
+
+
+async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
+    settings = runtime.settings
+    _ = runtime.card  # not-ready is told before anything is read, and so is a full queue
+    runtime.pool.require_room()
+    if runtime.uploading >= settings.uploads:
+        raise ProblemError(OVERLOADED, "Too many uploads at a time. Try again in a second.", {"Retry-After": "1"})
+    spent = stages(request)
+    began = time.perf_counter()
+    runtime.uploading += 1
+    try:
+        upload = await read_upload(request, settings)
+    finally:
+        runtime.uploading -= 1
+        spent["upload"] = _since(began)
+    began = time.perf_counter()
+
+    def begin() -> None:
+        spent["queue"] = _since(began)
+
+    with upload, runtime.pool.admit():
+        job = Job(
+            filename=upload.filename,
+            max_vertices=settings.max_vertices,
+            max_faces=settings.max_faces,
+            max_nodes=settings.max_nodes,
+            max_unpacked_bytes=settings.max_unpacked_bytes,
+            max_answer_bytes=settings.max_answer_bytes,
+            cpu_s=settings.deadline_s,
+            size=upload.size,
+            place="inline" if upload.file is None else "descriptor",
+            **wanted,
+        )
+        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))
+    timings = result.content.timings_ms
+    for name in ("parse", "voxelize", "infer", "refine"):
+        spent[name] = getattr(timings, name)
+    spent["validate"] = timings.validate_
+    if isinstance(result.content, schemas.CompletedMesh):
+        spent["complete"] = result.content.complete_ms
+    spent["worker"] = timings.total
+    return result
+
+
+def _since(began: float) -> float:
+    return (time.perf_counter() - began) * 1e3
+
+
+async def _unless_gone(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """The result of ``work``, which is cancelled when the client leaves.
+
+    Raises:
+        ClientDisconnect: it did.
+    """
+    result = asyncio.create_task(work)
+    gone = asyncio.create_task(_disconnected(request))
+    try:
+        await asyncio.wait({result, gone}, return_when=asyncio.FIRST_COMPLETED)
+        if not result.done():
+            raise ClientDisconnect
+        return result.result()
+    finally:
+        if not result.done():
+            result.cancel("client-left" if gone.done() and not gone.cancelled() else "deadline")
+            await asyncio.wait({result})  # it kills its worker
+        gone.cancel()
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,278 @@
+"""What ``/openapi.json`` and ``/docs`` say beyond the schemas: texts, examples, every error.
+
+``python docs/make_openapi.py`` renews the copy in the repository; a test compares the two.
+"""
+
+import json
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import PlainTextResponse, Response
+
+from app import problems, schemas
+from app.http import auth
+from app.http.middleware import HEADER
+from app.http.uploads import FIELD
+from app.outputs import csv_rows
+from app.outputs.meshes import WRITERS
+from app.problems import MEDIA_TYPE, ProblemType
+
+TITLE = "PRS-Net"
+SUMMARY = "Finds the mirror planes and rotation axes of a 3D mesh."
+DESCRIPTION = """\
+Send a mesh, get its symmetries in the file's own coordinates:
+
+```
+curl -F file=@chair.obj http://127.0.0.1:8000/detect
+```
+
+**Formats**: STL, OBJ, PLY, OFF, GLB, glTF with embedded buffers, 3MF; told from the file's name, checked
+against its content.
+
+The answer is JSON. `format=`, or the header Accept, asks for an annotated GLB to look at, a BOP `models_info.json`
+entry, SHREC text, or CSV.
+
+**Errors** are `application/problem+json` (RFC 9457). Their `type` is stable, their `detail` says what to do,
+and `request_id` (also in the header `X-Request-ID`, which a client may send) finds the request in the log.
+
+**Frames**: all coordinates are in the input frame. Symmetry errors are mean squared distances in the unit
+frame (surface centroid at the origin, bounding sphere of diameter 1): one threshold serves every object.
+"""
+
+_EXAMPLE_PLANE = {
+    "normal": [1.0, 0.0, 0.0],
+    "offset": -0.5,
+    "point": [0.5, 0.42, 0.3],
+    "matrix": [[-1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+    "symmetry_error": 1.2e-17,
+    "rms_distance": 4.5e-9,
+    "exact": True,
+    "continuous": False,
+}
+_EXAMPLE_RESPONSE = {
+    "planes": [_EXAMPLE_PLANE],
+    "axes": [],
+    "point_group": "Cs",
+    "frame": {"coordinates": "input", "units": None, "center": [0.5, 0.42, 0.3], "scale": 1.3},
+    "mesh": {
+        "filename": "chair.obj",
+        "format": "obj",
+        "vertices": 120,
+        "faces": 260,
+        "bounds": [[0.0, 0.0, 0.0], [1.0, 0.9, 0.6]],
+        "watertight": True,
+    },
+    "model": {"name": "prs-net", "version": "1", "sha256": "0" * 64},
+    "timings_ms": {"parse": 0.2, "voxelize": 0.3, "infer": 1.1, "refine": 0.0, "validate": 2.0, "total": 3.7},
+    "warnings": [],
+}
+_CSV = csv_rows.write([schemas.DetectResponse.model_validate(_EXAMPLE_RESPONSE)]).decode()
+_JSON = "application/json"
+
+
+def _errors(*kinds: ProblemType) -> dict[int | str, dict[str, Any]]:
+    """Response objects for ``kinds``, those of one status together."""
+    responses: dict[int | str, dict[str, Any]] = {}
+    for kind in kinds:
+        entry = responses.setdefault(
+            kind.status,
+            {"description": "", "content": {MEDIA_TYPE: {"schema": _ref("Problem"), "examples": {}}}},
+        )
+        entry["description"] = " or ".join(filter(None, [entry["description"], kind.title]))
+        example: dict[str, Any] = {"value": problems.body(kind, kind.example, "4e1f0c52a7b84d0e9c3d6a5b7f812390")}
+        entry["content"][MEDIA_TYPE]["examples"][kind.slug] = example
+        if kind.status == problems.OVERLOADED.status:
+            entry["headers"] = {"Retry-After": {"description": "Seconds to wait.", "schema": {"type": "integer"}}}
+    return responses
+
+
+def _ref(name: str) -> dict[str, str]:
+    return {"$ref": f"#/components/schemas/{name}"}
+
+
+_UPLOAD_BODY = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": [FIELD],
+                "properties": {
+                    FIELD: {
+                        "type": "string",
+                        "format": "binary",
+                        "description": "The mesh. Its file name's extension tells the format.",
+                    }
+                },
+            }
+        }
+    },
+}
+
+_UPLOAD_PROBLEMS = (
+    problems.MALFORMED,
+    problems.UNAUTHORIZED,
+    problems.INVALID_PARAMETER,
+    problems.UPLOAD_TOO_SLOW,
+    problems.UPLOAD_TOO_LARGE,
+    problems.MESH_TOO_LARGE,
+    problems.UNSUPPORTED_FORMAT,
+    problems.UNREADABLE_MESH,
+    problems.EMPTY_MESH,
+    problems.DEGENERATE_MESH,
+    problems.INTERNAL,
+    problems.OVERLOADED,
+    problems.WORKER_LOST,
+    problems.NOT_READY,
+    problems.DEADLINE,
+)
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_TEXT = {"schema": {"type": "string"}}
+
+DETECT: dict[str, Any] = {
+    "tags": ["symmetry"],
+    "summary": "Find the symmetries of a mesh",
+    "response_model": None,
+    "responses": {
+        200: {
+            "model": schemas.DetectResponse,
+            "description": "The symmetries; empty lists if there are none.",
+            "content": {
+                "model/gltf-binary": {
+                    **_BINARY,
+                    "description": "`format=glb`: the mesh, each plane as a translucent quad, each axis as a thin rod; "
+                    "nodes `mesh`, `plane 0`, `axis 0`, and so on.",
+                },
+                "application/vnd.prsnet.bop+json": {
+                    "schema": _ref("BopEntry"),
+                    "description": "`format=bop`, then sent as application/json: an entry of `models_info.json`.",
+                },
+                "text/csv": {**_TEXT, "description": "`format=csv`: a row a plane or axis.", "example": _CSV},
+                "text/plain": {
+                    **_TEXT,
+                    "description": "`format=shrec`: how many planes, then `nx ny nz px py pz confidence` a line.",
+                    "example": "1\n1.0 0.0 0.0 0.5 0.42 0.3 1.0\n",
+                },
+            },
+        },
+        **_errors(*_UPLOAD_PROBLEMS, problems.NOT_ACCEPTABLE),
+    },
+    "openapi_extra": {
+        "requestBody": _UPLOAD_BODY,
+        "x-codeSamples": [
+            {
+                "lang": "Shell",
+                "label": "curl",
+                "source": "curl -F file=@chair.obj http://127.0.0.1:8000/detect",
+            },
+            {
+                "lang": "Shell",
+                "label": "curl, BOP JSON",
+                "source": "curl -F file=@part.stl 'http://127.0.0.1:8000/detect?format=bop'",
+            },
+            {
+                "lang": "Shell",
+                "label": "curl, picture",
+                "source": "curl -F file=@part.stl -o part.glb 'http://127.0.0.1:8000/detect?format=glb'",
+            },
+        ],
+    },
+}
+
+COMPLETE: dict[str, Any] = {
+    "tags": ["symmetry"],
+    "summary": "Complete a mesh by its mirror image",
+    "response_model": None,
+    "response_class": Response,
+    "responses": {
+        200: {
+            "description": "The completed mesh as a file, in the mesh's own coordinates.",
+            "content": {writer.media_type: _BINARY for writer in WRITERS.values()},
+            "headers": {
+                schemas.COMPLETION: {
+                    "description": "What was done, as JSON.",
+                    "content": {_JSON: {"schema": _ref("Completion")}},
+                },
+                "Content-Disposition": {"description": "A name for the file.", "schema": {"type": "string"}},
+            },
+        },
+        **_errors(*_UPLOAD_PROBLEMS, problems.NO_PLANE),
+    },
+    "openapi_extra": {
+        "requestBody": _UPLOAD_BODY,
+        "x-codeSamples": [
+            {
+                "lang": "Shell",
+                "label": "curl",
+                "source": "curl -F file=@scan.ply -o completed.ply 'http://127.0.0.1:8000/complete?max_error=2e-3'",
+            },
+        ],
+    },
+}
+HEALTH: dict[str, Any] = {
+    "tags": ["operation"],
+    "summary": "Readiness",
+    "responses": _errors(problems.NOT_READY),
+}
+LIVE: dict[str, Any] = {"tags": ["operation"], "summary": "Liveness"}
+MODEL: dict[str, Any] = {
+    "tags": ["operation"],
+    "summary": "Model card",
+    "responses": _errors(problems.UNAUTHORIZED, problems.NOT_READY),
+}
+
+
+METRICS: dict[str, Any] = {
+    "tags": ["operation"],
+    "summary": "Metrics for Prometheus",
+    "response_class": PlainTextResponse,
+    "responses": _errors(problems.UNAUTHORIZED),
+}
+_KEYS: dict[str, Any] = {
+    "key": {"type": "apiKey", "in": "header", "name": auth.HEADER, "description": "Where the operator asks for one."},
+    "bearer": {"type": "http", "scheme": "bearer", "description": "The same key."},
+}
+
+
+def build(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document of ``app``."""
+    document = get_openapi(
+        title=app.title,
+        version=app.version,
+        summary=app.summary,
+        description=app.description,
+        routes=app.routes,
+    )
+    # Put in afterwards, because FastAPI drops members that are null from what it is given.
+    answers = document["paths"]["/detect"]["post"]["responses"]
+    answers["200"]["content"]["application/json"]["example"] = _EXAMPLE_RESPONSE
+    for schema in (schemas.Problem, schemas.Completion, schemas.BopEntry):
+        described = schema.model_json_schema(ref_template="#/components/schemas/{model}")
+        document["components"]["schemas"].update(described.pop("$defs", {}))
+        document["components"]["schemas"][schema.__name__] = described
+    document["components"]["securitySchemes"] = _KEYS
+    returned_id = {HEADER: {"description": "The request's id.", "schema": {"type": "string"}}}
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            if "401" in operation["responses"]:
+                operation["security"] = [{}, *({name: list[str]()} for name in _KEYS)]
+            for answer in operation["responses"].values():
+                answer["headers"] = {**answer.get("headers", {}), **returned_id}
+    return document
+
+
+def install(app: FastAPI) -> None:
+    """Make ``/openapi.json`` say what ``build`` says."""
+
+    def cached() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = build(app)
+        return app.openapi_schema
+
+    app.openapi = cached
+
+
+def dump(app: FastAPI) -> str:
+    """The document as the text kept in ``docs/openapi.json``."""
+    return json.dumps(app.openapi(), indent=2, ensure_ascii=False) + "\n"

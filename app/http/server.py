@@ -1,0 +1,76 @@
+"""Runs the application under uvicorn: logging, draining before the port closes, an exit code that tells."""
+
+import logging
+import math
+import signal
+import time
+from types import FrameType
+
+import uvicorn
+
+from app import logs
+from app.http.main import create_app
+from app.http.protocol import bounded
+from app.http.runtime import Runtime
+from app.settings import Settings
+
+logger = logging.getLogger("prsnet")
+
+
+class DrainingServer(uvicorn.Server):
+    """After SIGTERM it first only says 503 on ``/health``, then closes the port and finishes what runs.
+
+    Load balancers need that time to notice. SIGINT (a person at a terminal) and a second signal skip it.
+    """
+
+    def __init__(self, config: uvicorn.Config, runtime: Runtime) -> None:
+        super().__init__(config)
+        self._runtime = runtime
+        self._close_at = math.inf
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Called by SIGTERM and SIGINT; the signal is not raised again, so an orderly end exits with 0."""
+        if self.should_exit:
+            self.force_exit = sig == signal.SIGINT
+            return
+        self._runtime.drain()
+        if sig == signal.SIGINT or self._close_at < math.inf:
+            self.should_exit = True
+        else:
+            self._close_at = time.monotonic() + self._runtime.settings.drain_s
+
+    async def on_tick(self, counter: int) -> bool:
+        """Called ten times a second: whether to leave the main loop."""
+        if time.monotonic() >= self._close_at:
+            self.should_exit = True
+        return await super().on_tick(counter)
+
+
+def serve(settings: Settings) -> int:
+    """Serve until a signal. The exit code is 0, or 1 when start-up failed."""
+    logs.configure(settings)
+    app = create_app(settings)
+    runtime: Runtime = app.state.runtime
+    config = uvicorn.Config(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_config=None,
+        access_log=False,  # the middleware logs one line a request, with its id
+        server_header=False,
+        http=bounded(settings),
+        ws="none",
+        timeout_keep_alive=settings.keep_alive_s,
+        timeout_graceful_shutdown=math.ceil(settings.deadline_s) + 1,
+        lifespan="on",
+    )
+    server = DrainingServer(config, runtime)
+    failures: list[bool] = []
+
+    def give_up() -> None:
+        failures.append(True)
+        server.should_exit = True
+
+    runtime.on_failure = give_up
+    server.run()
+    return 1 if failures else 0

@@ -1,0 +1,186 @@
+"""What a mirror plane is good for: completing a mesh (the paper, Section 6), making it symmetric, halving it.
+
+All work in the unit frame inside and in the caller's coordinates outside; what was there keeps its coordinates to the
+last digit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.completion.missing import find_missing, tolerance_of
+from model.completion.seam import join
+from model.errors import DegenerateMeshError
+from model.geometry.frames import UnitFrame, triangle_areas
+from model.geometry.sampling import sample_surface
+from model.geometry.surface import SurfaceIndex
+from model.geometry.transforms import reflect
+from model.meshes._topology import first_at_place
+from model.meshes.clipping import clip, compact, without_slivers
+from model.meshes.mesh import Mesh
+from model.meshes.subdivision import edge_lengths
+from model.types import FloatArray, IntArray
+
+_SAMPLES = 2000
+_ON_PLANE = 1e-9
+"""Unit frame. A vertex nearer to the plane than this is on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Completed:
+    """A mesh with what its mirror image had and it lacked. Lengths in its own unit.
+
+    Attributes:
+        vertices: ``(v, 3)`` float64, those of the mesh first.
+        faces: ``(f, 3)`` int32, those of the mesh first.
+        vertices_kept: how many of the vertices are the mesh's, merged where they coincide.
+        faces_kept: how many of the faces are.
+        area_added: what was added, as a share of the mesh's area.
+        tolerance: what was nearer to its mirror image than this was not missing.
+        seam_distance: the farthest that the border of an added part was moved to close the seam.
+        symmetry_error: of the mesh as it came, at this plane (SDE, unit frame).
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    vertices_kept: int
+    faces_kept: int
+    area_added: float
+    tolerance: float
+    seam_distance: float
+    symmetry_error: float
+
+
+def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Completed:
+    """Add to a mesh the mirror image of what the other side of a plane has and this one lacks.
+
+    What lies on both sides stays as it is, be it exactly symmetric or not; a part that is missing on both sides stays
+    missing. The seam is closed where the mesh has an open border. With ``symmetrize`` the surface is then moved half
+    way to its mirror image, and one half taken for both: the result is symmetric to rounding.
+
+    Args:
+        mesh: any mesh.
+        plane: ``(n, d)`` ``(4,)`` with unit normal, in the mesh's coordinates.
+        symmetrize: whether to average the halves.
+
+    Raises:
+        DegenerateMeshError: nothing of the mesh is left on one side of a plane it should be symmetric about.
+    """
+    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    own, faces = merged(mesh)
+    vertices = frame.to_unit(own)
+    plane = frame.plane_to_unit(plane)
+    surface = SurfaceIndex(vertices, faces)
+    samples = reflect(sample_surface(vertices, faces, _SAMPLES, seed=0)[0], plane)
+    error = surface.mean_squared_distance(samples)
+    tolerance = tolerance_of(surface, samples)
+    part = find_missing(surface, reflect(vertices, plane), np.ascontiguousarray(faces[:, ::-1]), tolerance)
+    joined = join(surface, vertices, faces, part, tolerance)
+    area = triangle_areas(vertices[faces]).sum()
+    added = triangle_areas(joined.vertices[joined.faces[joined.kept :]]).sum()
+    everything, all_faces, used = compact(joined.vertices, joined.faces)
+    coordinates = frame.to_input(everything)
+    kept = int(np.searchsorted(used, len(own)))
+    coordinates[:kept] = own[used[:kept]]
+    faces_kept = joined.kept
+    if symmetrize:
+        averaged, all_faces = _averaged(everything, all_faces, plane, tolerance)
+        coordinates = frame.to_input(averaged)
+        kept, faces_kept = len(coordinates) // 2, len(all_faces) // 2
+    return Completed(
+        vertices=np.ascontiguousarray(coordinates),
+        faces=all_faces,
+        vertices_kept=kept,
+        faces_kept=faces_kept,
+        area_added=float(added / area),
+        tolerance=tolerance * frame.scale,
+        seam_distance=joined.moved * frame.scale,
+        symmetry_error=error,
+    )
+
+
+def halve(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
+    """The part of a mesh on one side of a plane, cut exactly there and open.
+
+    Args:
+        mesh: any mesh.
+        plane: ``(n, d)`` ``(4,)`` with unit normal, in the mesh's coordinates.
+        positive: the side where ``n.x + d`` is positive, or else the other.
+
+    Returns:
+        vertices ``(v, 3)`` and faces ``(f, 3)`` in the mesh's coordinates.
+
+    Raises:
+        DegenerateMeshError: nothing of the mesh is on that side.
+    """
+    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    vertices, faces = merged(mesh)
+    return _half(vertices, faces, plane if positive else -plane, _ON_PLANE * frame.scale)
+
+
+def merged(mesh: Mesh) -> tuple[FloatArray, IntArray]:
+    """Vertices and faces with those at one place made one, unused ones and faces without corners dropped."""
+    faces = first_at_place(mesh.vertices)[mesh.faces]
+    faces = faces[without_slivers(faces)]
+    vertices, faces, _ = compact(mesh.vertices, faces)
+    return vertices, faces
+
+
+def _half(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: float) -> tuple[FloatArray, IntArray]:
+    """What is on the positive side of a plane; vertices within ``rounding`` of it are put on it."""
+    normal, offset = plane[:3], plane[3]
+    height = vertices @ normal + offset
+    near = np.abs(height) <= rounding
+    vertices = np.where(near[:, None], vertices - height[:, None] * normal, vertices)
+    height = np.where(near, 0.0, height)
+    # A face that only touches the plane belongs to the side it is on, one within the plane to the positive side.
+    above = (height[faces] >= 0.0).all(axis=1)
+    crossed = faces[(height[faces].max(axis=1) > 0.0) & ~above]
+
+    def crossing(inside: FloatArray, outside: FloatArray) -> FloatArray:
+        high, low = inside @ normal + offset, outside @ normal + offset
+        points = inside + (high / (high - low))[:, None] * (outside - inside)
+        return points - (points @ normal + offset)[:, None] * normal
+
+    # Where a corner is on the plane itself no new one is needed: it counts as inside, and slivers go.
+    clipped = clip(vertices, crossed, height >= 0.0, crossing)
+    pieces = clipped.faces
+    corners = np.append(height >= 0.0, np.ones(len(clipped.vertices) - len(height), dtype=np.bool_))
+    pieces = pieces[corners[pieces].all(axis=1)]
+    result = np.concatenate([faces[above], pieces])
+    if not len(result):
+        raise DegenerateMeshError("Nothing of the mesh is on that side of the plane.")
+    places = first_at_place(clipped.vertices)[result]
+    half, half_faces, _ = compact(clipped.vertices, places[without_slivers(places)])
+    return half, half_faces
+
+
+def _averaged(
+    vertices: FloatArray, faces: IntArray, plane: FloatArray, tolerance: float
+) -> tuple[FloatArray, IntArray]:
+    """A surface that is exactly symmetric: half way between this one and its mirror image, and one half for both.
+
+    Vertices farther than twice the tolerance from the mirror image have none to meet half way, and stay; those nearer
+    to the plane than half of it are put on it.
+    """
+    surface = SurfaceIndex(vertices, faces)
+    targets, squared, _ = surface.closest(reflect(vertices, plane))
+    near = squared <= (2.0 * tolerance) ** 2
+    middle = np.where(near[:, None], (vertices + reflect(targets, plane)) / 2.0, vertices)
+    sides = [_side_area(middle, faces, plane * sign) for sign in (1.0, -1.0)]
+    plane = plane if sides[0] >= sides[1] else -plane
+    half, half_faces = _half(middle, faces, plane, tolerance / 2.0)
+    on_plane = np.abs(half @ plane[:3] + plane[3]) <= _ON_PLANE
+    other = np.where(on_plane, np.arange(len(half)), len(half) + np.cumsum(~on_plane) - 1)
+    # A face within the plane is its own mirror image, unless it is what became of a thin one across it.
+    lying = on_plane[half_faces].all(axis=1)
+    wide = triangle_areas(half[half_faces]) > tolerance * edge_lengths(half, half_faces).max(axis=1)
+    half_faces, lying = half_faces[~lying | wide], lying[~lying | wide]
+    whole = np.concatenate([half, reflect(half[~on_plane], plane)])
+    return whole, np.concatenate([half_faces, other[half_faces[~lying, ::-1]].astype(np.int32)])
+
+
+def _side_area(vertices: FloatArray, faces: IntArray, plane: FloatArray) -> float:
+    """Area of the faces whose centre is on the positive side."""
+    corners = vertices[faces]
+    return float(triangle_areas(corners)[corners.mean(axis=1) @ plane[:3] + plane[3] > 0.0].sum())

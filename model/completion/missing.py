@@ -1,0 +1,203 @@
+"""Which part of a mirrored surface is missing in the original (the paper, Section 6: shape completion).
+
+A point of the mirrored surface is missing where it lies farther than a tolerance from the original, by exact distances.
+Triangles are judged at points spread over them; those that are missing in part are cut smaller and then along the
+line where the distance is the tolerance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.geometry.frames import triangle_areas
+from model.geometry.surface import SurfaceIndex
+from model.meshes.clipping import clip, compact
+from model.meshes.subdivision import edge_lengths, halve_edges
+from model.types import BoolArray, FloatArray, IntArray
+
+SMALLEST_TOLERANCE = 1e-4
+"""Unit frame. What is nearer to its mirror image than this is there: a hair's breadth, of which the seam is made up."""
+
+LARGEST_TOLERANCE = 0.02
+_NOISE_FACTOR = 3.0
+_FEW = 0.1
+SIGNIFICANT = 0.005
+"""Unit frame. A missing part that is nowhere farther from the original than this is a difference of modelling."""
+
+FINEST_EDGE = 0.015
+"""Unit frame. Triangles on the border of a missing part are not cut smaller than this."""
+
+_SPACING = 0.02
+_MOST_POINTS = 300_000
+_HALVINGS = 40
+# Steps of the plane's most even sequence of points (the plastic number's powers).
+_STEP = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Missing:
+    """The missing part: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, which vertices are ``on_border`` ``(v,)``."""
+
+    vertices: FloatArray
+    faces: IntArray
+    on_border: BoolArray
+
+
+def tolerance_of(surface: SurfaceIndex, mirrored_samples: FloatArray) -> float:
+    """How far a mirrored surface lies from the original where both are there, by samples ``(n, 3)`` of the mirrored.
+
+    Three times the median distance of those samples that lie near it, within bounds; where hardly any does (of a half,
+    say, that was cut at the plane), there is nothing to learn from, and it is the smallest.
+    """
+    distances = np.sqrt(surface.squared_distances(mirrored_samples))
+    near = distances[distances < LARGEST_TOLERANCE]
+    if len(near) < _FEW * len(distances):
+        return SMALLEST_TOLERANCE
+    return float(np.clip(_NOISE_FACTOR * np.median(near), SMALLEST_TOLERANCE, LARGEST_TOLERANCE))
+
+
+def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> Missing:
+    """The part of a mirrored surface that the original one lacks, all in the unit frame.
+
+    Args:
+        surface: the original.
+        vertices: ``(v, 3)`` of the mirrored one.
+        faces: ``(f, 3)``.
+        tolerance: what is nearer to the original is there.
+    """
+    spacing = max(_SPACING, float(np.sqrt(triangle_areas(vertices[faces]).sum() / _MOST_POINTS)))
+    missing = np.empty(0, dtype=np.bool_)
+    partly = np.empty(0, dtype=np.bool_)
+    new = np.arange(len(faces))
+    depth = np.empty(0)
+    while True:
+        most, least = _reach(surface, vertices, faces[new], spacing, tolerance)
+        missing = np.append(missing, least > tolerance)
+        partly = np.append(partly, (least <= tolerance) & (most > tolerance))
+        depth = np.append(depth, most)
+        wanted = partly[:, None] & (edge_lengths(vertices, faces) > FINEST_EDGE)
+        if not wanted.any():
+            break
+        vertices, faces, parents = halve_edges(vertices, faces, wanted)
+        stay = int((np.bincount(parents) == 1).sum())
+        missing, partly, depth = missing[parents[:stay]], partly[parents[:stay]], depth[parents[:stay]]
+        new = np.arange(stay, len(faces))
+    chosen = _significant(faces, missing | partly, depth, max(SIGNIFICANT, 2.0 * tolerance))
+    # With their neighbours, in which the border may run a little beyond the points they were judged by.
+    touched = np.zeros(len(vertices), dtype=np.bool_)
+    touched[faces[chosen]] = True
+    part, part_faces, _ = compact(vertices, faces[touched[faces].any(axis=1)])
+    return _cut(surface, part, part_faces, tolerance)
+
+
+def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> Missing:
+    """The part of the faces that is farther than the tolerance from the surface.
+
+    Whole faces are cut like the others: where they touch the border, their neighbours' cuts go through their edges.
+    """
+
+    def crossing(inside: FloatArray, outside: FloatArray) -> FloatArray:
+        low, high = np.zeros(len(inside)), np.ones(len(inside))
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2.0
+            points = inside + middle[:, None] * (outside - inside)
+            beyond = surface.squared_distances(points) > tolerance**2
+            low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)
+        return inside + low[:, None] * (outside - inside)
+
+    vertices, faces, far = _with_centres(surface, vertices, faces, tolerance)
+    clipped = clip(vertices, faces, far, crossing)
+    part, part_faces, used = compact(clipped.vertices, clipped.faces)
+    return Missing(part, part_faces, clipped.is_border[used])
+
+
+def _with_centres(
+    surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Faces cut so that each piece that is missing has a corner that is: across a narrow gap they have none.
+
+    Edges of which only the middle is missing are halved, and faces of which only the middle is are cut in three at
+    their incentres. Returns vertices, faces, and which vertices are farther away than the tolerance.
+    """
+    while True:
+        far = surface.squared_distances(vertices) > tolerance**2
+        corners = vertices[faces]
+        middles = (corners + np.roll(corners, -1, axis=1)) / 2.0
+        wanted = ~far[faces] & ~np.roll(far[faces], -1, axis=1)
+        wanted[wanted] = surface.squared_distances(middles[wanted]) > tolerance**2
+        if not wanted.any():
+            break
+        vertices, faces, _ = halve_edges(vertices, faces, wanted)
+    narrow = np.flatnonzero(~far[faces].any(axis=1))
+    centres = _incircles(vertices[faces[narrow]])[0]
+    beyond = surface.squared_distances(centres) > tolerance**2
+    narrow, centres = narrow[beyond], centres[beyond]
+    a, b, c = faces[narrow].T
+    middle = (len(vertices) + np.arange(len(narrow))).astype(np.int32)
+    pieces = [np.stack(corners, axis=1) for corners in ((a, b, middle), (b, c, middle), (c, a, middle))]
+    others = np.delete(faces, narrow, axis=0)
+    far = np.append(far, np.ones(len(narrow), dtype=np.bool_))
+    return np.concatenate([vertices, centres]), np.concatenate([others, *pieces]), far
+
+
+def _incircles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centres ``(f, 3)`` and radii ``(f,)`` of the inscribed circles of triangles ``(f, 3 corners, 3)``."""
+    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1), axis=2)
+    around = np.maximum(opposite.sum(axis=1), 1e-300)
+    return (opposite[:, :, None] * corners).sum(axis=1) / around[:, None], 2.0 * triangle_areas(corners) / around
+
+
+def _reach(
+    surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, spacing: float, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Largest and smallest distance of points spread over each triangle, its corners among them: ``(f,)`` each.
+
+    What is nearer to its edges than the tolerance is left out: along the border of what is there a triangle that is
+    missing altogether touches it.
+    """
+    corners = _shrunk(vertices[faces], 1.5 * tolerance)
+    count = np.ceil(triangle_areas(corners) / spacing**2).astype(np.int64)
+    count[edge_lengths(vertices, faces).max(axis=1, initial=0.0) < FINEST_EDGE] = 0
+    owner = np.repeat(np.arange(len(faces)), count)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    weights = (number[:, None] * _STEP + 0.5) % 1.0
+    folded = weights.sum(axis=1) > 1.0
+    weights[folded] = 1.0 - weights[folded]
+    a, b, c = corners[owner].swapaxes(0, 1) if len(owner) else np.empty((3, 0, 3))
+    spread = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
+    points = np.concatenate([corners.reshape(-1, 3), corners.mean(axis=1), spread])
+    owners = np.concatenate([np.repeat(np.arange(len(faces)), 3), np.arange(len(faces)), owner])
+    distances = np.sqrt(surface.squared_distances(points))
+    most, least = np.zeros(len(faces)), np.full(len(faces), np.inf)
+    np.maximum.at(most, owners, distances)
+    np.minimum.at(least, owners, distances)
+    return most, least
+
+
+def _shrunk(corners: FloatArray, margin: float) -> FloatArray:
+    """Triangles ``(f, 3 corners, 3)`` with their edges moved in by ``margin``, or nearly to the centre of thin ones."""
+    centre, radius = _incircles(corners)
+    share = np.minimum(margin / np.maximum(radius, 1e-300), 0.9)
+    return corners + share[:, None, None] * (centre[:, None] - corners)
+
+
+def _significant(faces: IntArray, chosen: BoolArray, depth: FloatArray, least: float) -> BoolArray:
+    """Of the chosen faces those in a connected part that reaches ``least`` somewhere."""
+    part = faces[chosen]
+    if not len(part):
+        return chosen
+    labels = np.arange(int(part.max()) + 1)
+    while True:
+        lowest = labels[part].min(axis=1)
+        joined = labels.copy()
+        np.minimum.at(joined, part, lowest[:, None])
+        joined = joined[joined]
+        if (joined == labels).all():
+            break
+        labels = joined
+    deepest = np.zeros(len(labels))
+    owners = labels[part[:, 0]]
+    np.maximum.at(deepest, owners, depth[chosen])
+    result = chosen.copy()
+    result[chosen] = deepest[owners] > least
+    return result

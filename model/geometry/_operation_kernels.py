@@ -1,0 +1,260 @@
+"""What refinement and judgement spend their time in: images of samples, their distances, Gauss-Newton steps.
+
+Everything is in the axes of the tree. ``tree`` stands for the arrays of ``_bvh``: boxes, children, frames.
+"""
+
+import numpy as np
+
+from model._jit import jit, jit_allocating
+from model.geometry._bvh import FANOUT, LANES, STACK
+from model.geometry._bvh_query import closest_on, nearest, normal_of
+from model.types import FloatArray, IntArray
+
+
+@jit
+def linear_part(x: float, y: float, z: float, angle: float, along: float, k: int, result: FloatArray) -> None:
+    """Fill ``result[k]``: turn by ``angle`` about (x, y, z), multiply the component along it by ``along``."""
+    c, s = np.cos(angle), np.sin(angle)
+    f = along - c
+    result[k, 0, 0], result[k, 0, 1], result[k, 0, 2] = c + f * x * x, f * x * y - s * z, f * x * z + s * y
+    result[k, 1, 0], result[k, 1, 1], result[k, 1, 2] = f * x * y + s * z, c + f * y * y, f * y * z - s * x
+    result[k, 2, 0], result[k, 2, 1], result[k, 2, 2] = f * x * z - s * y, f * y * z + s * x, c + f * z * z
+
+
+@jit
+def linear_parts(directions: FloatArray, angles: FloatArray, along: FloatArray, result: FloatArray) -> None:
+    """The same for a batch: ``result`` ``(k, 3, 3)``."""
+    for k in range(result.shape[0]):
+        linear_part(directions[k, 0], directions[k, 1], directions[k, 2], angles[k], along[k], k, result)
+
+
+@jit
+def images(points: FloatArray, fixed: FloatArray, linear: FloatArray, result: FloatArray) -> None:
+    """``result`` ``(k, n, 3)``: images ``R (p - f) + f`` of points ``(n, 3)`` under every operation."""
+    for k in range(result.shape[0]):
+        fx, fy, fz = fixed[k, 0], fixed[k, 1], fixed[k, 2]
+        for i in range(result.shape[1]):
+            x, y, z = points[i, 0] - fx, points[i, 1] - fy, points[i, 2] - fz
+            for a in range(3):
+                result[k, i, a] = linear[k, a, 0] * x + linear[k, a, 1] * y + linear[k, a, 2] * z + fixed[k, a]
+
+
+@jit_allocating
+def image_distances(
+    samples: FloatArray,
+    fixed: FloatArray,
+    linear: FloatArray,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    squared: FloatArray,
+) -> None:
+    """Fill ``squared`` ``(k, n)`` with the squared distances of the images of all samples from the surface."""
+    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
+    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    seed = 0
+    for k in range(squared.shape[0]):
+        fx, fy, fz = fixed[k, 0], fixed[k, 1], fixed[k, 2]
+        for i in range(squared.shape[1]):
+            x, y, z = samples[i, 0] - fx, samples[i, 1] - fy, samples[i, 2] - fz
+            squared[k, i], lane = nearest(
+                linear[k, 0, 0] * x + linear[k, 0, 1] * y + linear[k, 0, 2] * z + fx,
+                linear[k, 1, 0] * x + linear[k, 1, 1] * y + linear[k, 1, 2] * z + fy,
+                linear[k, 2, 0] * x + linear[k, 2, 1] * y + linear[k, 2, 2] * z + fz,
+                seed,
+                np.inf,
+                boxes,
+                children,
+                frames,
+                waiting,
+                waiting_squared,
+                child_squared,
+                leaf_squared,
+            )
+            seed = lane // LANES
+
+
+@jit_allocating
+def refine(
+    samples: FloatArray,
+    directions: FloatArray,
+    points: FloatArray,
+    angles: FloatArray,
+    along: FloatArray,
+    steps: int,
+    first_scale: float,
+    final_scale: float,
+    shrink: float,
+    spread: float,
+    quantile: float,
+    damping: float,
+    contact: float,
+    largest_turn: float,
+    largest_shift: float,
+    settled: float,
+    roughly: float,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+) -> None:
+    """Gauss-Newton for each operation until it stands still; ``directions`` and ``points`` ``(k, 3)`` are overwritten.
+
+    See `model.geometry.refinement` for the method and what the constants mean.
+    """
+    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
+    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    count = samples.shape[0]
+    seeds = np.zeros(count, dtype=np.int64)  # where the image of each sample was found last: the best place to begin
+    distances, ordered = np.empty(count), np.empty(count)
+    image, toward = np.empty((count, 3)), np.empty((count, 3))
+    linear = np.empty((1, 3, 3))
+    matrix, motion = np.empty((6, 6)), np.empty(6)
+    for k in range(directions.shape[0]):
+        scale = first_scale / shrink
+        for _ in range(steps):
+            linear_part(directions[k, 0], directions[k, 1], directions[k, 2], angles[k], along[k], 0, linear)
+            fx, fy, fz = points[k, 0], points[k, 1], points[k, 2]
+            total = 0.0
+            for i in range(count):
+                qx, qy, qz = samples[i, 0] - fx, samples[i, 1] - fy, samples[i, 2] - fz
+                x = linear[0, 0, 0] * qx + linear[0, 0, 1] * qy + linear[0, 0, 2] * qz + fx
+                y = linear[0, 1, 0] * qx + linear[0, 1, 1] * qy + linear[0, 1, 2] * qz + fy
+                z = linear[0, 2, 0] * qx + linear[0, 2, 1] * qy + linear[0, 2, 2] * qz + fz
+                squared, lane = nearest(
+                    x,
+                    y,
+                    z,
+                    seeds[i],
+                    np.inf,
+                    boxes,
+                    children,
+                    frames,
+                    waiting,
+                    waiting_squared,
+                    child_squared,
+                    leaf_squared,
+                )
+                seeds[i] = lane // LANES
+                distance = np.sqrt(squared)
+                if distance < contact:
+                    toward[i, 0], toward[i, 1], toward[i, 2] = normal_of(lane, frames)
+                else:
+                    cx, cy, cz = closest_on(x, y, z, lane, frames)
+                    toward[i, 0], toward[i, 1], toward[i, 2] = x - cx, y - cy, z - cz
+                    length = np.sqrt(toward[i, 0] ** 2 + toward[i, 1] ** 2 + toward[i, 2] ** 2)
+                    for a in range(3):
+                        toward[i, a] /= length
+                image[i, 0], image[i, 1], image[i, 2] = x, y, z
+                distances[i], ordered[i] = distance, distance
+                total += squared
+            ordered.sort()
+            typical = max(spread * ordered[min(int(quantile * count), count - 1)], np.sqrt(total / count), final_scale)
+            scale = max(min(scale * shrink, typical), final_scale)
+            _step(samples, image, toward, distances, linear, scale, damping, matrix, motion)
+            _clip(motion, 0, largest_turn)
+            _clip(motion, 3, largest_shift)
+            _move(directions, points, k, motion)
+            moved = 0.0
+            for a in range(6):
+                moved = max(moved, abs(motion[a]))
+            if moved <= settled + roughly * np.sqrt(total / count):
+                break
+
+
+@jit
+def _step(
+    samples: FloatArray,
+    image: FloatArray,
+    toward: FloatArray,
+    distances: FloatArray,
+    linear: FloatArray,
+    scale: float,
+    damping: float,
+    matrix: FloatArray,
+    motion: FloatArray,
+) -> None:
+    """Fill ``motion`` with the turn (3) and shift (3) of the element that solve the weighted normal equations."""
+    row = motion  # scratch until the end
+    r0, r1, r2, r3, r4, r5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    matrix[:] = 0.0
+    g0, g1, g2, g3, g4, g5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(samples.shape[0]):
+        mx, my, mz = toward[i, 0], toward[i, 1], toward[i, 2]
+        # R^T m
+        bx = linear[0, 0, 0] * mx + linear[0, 1, 0] * my + linear[0, 2, 0] * mz
+        by = linear[0, 0, 1] * mx + linear[0, 1, 1] * my + linear[0, 2, 1] * mz
+        bz = linear[0, 0, 2] * mx + linear[0, 1, 2] * my + linear[0, 2, 2] * mz
+        x, y, z = image[i, 0], image[i, 1], image[i, 2]
+        qx, qy, qz = samples[i, 0], samples[i, 1], samples[i, 2]
+        r0 = (y * mz - z * my) - (qy * bz - qz * by)
+        r1 = (z * mx - x * mz) - (qz * bx - qx * bz)
+        r2 = (x * my - y * mx) - (qx * by - qy * bx)
+        r3, r4, r5 = mx - bx, my - by, mz - bz
+        row[0], row[1], row[2], row[3], row[4], row[5] = r0, r1, r2, r3, r4, r5
+        ratio = distances[i] / scale
+        weight = 1.0 / ((1.0 + ratio * ratio) * (1.0 + ratio * ratio))
+        pull = weight * distances[i]
+        g0, g1, g2 = g0 - pull * r0, g1 - pull * r1, g2 - pull * r2
+        g3, g4, g5 = g3 - pull * r3, g4 - pull * r4, g5 - pull * r5
+        for a in range(6):
+            weighted = weight * row[a]
+            for b in range(a + 1):
+                matrix[a, b] += weighted * row[b]
+    trace = 0.0
+    for a in range(6):
+        trace += matrix[a, a]
+    # Motions that leave the operation as it is (along its own element) have no gradient: damping keeps them out.
+    for a in range(6):
+        matrix[a, a] += damping * trace + 1e-12
+    motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = g0, g1, g2, g3, g4, g5
+    _solve(matrix, motion)
+
+
+@jit
+def _solve(matrix: FloatArray, vector: FloatArray) -> None:
+    """Cholesky: overwrite ``vector`` with the solution; ``matrix`` (6, 6), lower triangle, is destroyed."""
+    for a in range(6):
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for c in range(b):
+                total -= matrix[a, c] * matrix[b, c]
+            matrix[a, b] = np.sqrt(max(total, 1e-300)) if a == b else total / matrix[b, b]
+    for a in range(6):
+        total = vector[a]
+        for c in range(a):
+            total -= matrix[a, c] * vector[c]
+        vector[a] = total / matrix[a, a]
+    for a in range(5, -1, -1):
+        total = vector[a]
+        for c in range(a + 1, 6):
+            total -= matrix[c, a] * vector[c]
+        vector[a] = total / matrix[a, a]
+
+
+@jit
+def _clip(vector: FloatArray, first: int, largest: float) -> None:
+    length = np.sqrt(vector[first] ** 2 + vector[first + 1] ** 2 + vector[first + 2] ** 2)
+    if length > largest:
+        for a in range(first, first + 3):
+            vector[a] *= largest / length
+
+
+@jit
+def _move(directions: FloatArray, points: FloatArray, k: int, motion: FloatArray) -> None:
+    """Turn element ``k`` about the origin by the first half of ``motion``, then shift it by the second."""
+    wx, wy, wz = motion[0], motion[1], motion[2]
+    angle = np.sqrt(wx * wx + wy * wy + wz * wz)
+    if angle > 0.0:
+        wx, wy, wz = wx / angle, wy / angle, wz / angle
+        c, s = np.cos(angle), np.sin(angle)
+        for vectors in (directions, points):
+            x, y, z = vectors[k, 0], vectors[k, 1], vectors[k, 2]
+            dot = (wx * x + wy * y + wz * z) * (1.0 - c)
+            vectors[k, 0] = c * x + s * (wy * z - wz * y) + dot * wx
+            vectors[k, 1] = c * y + s * (wz * x - wx * z) + dot * wy
+            vectors[k, 2] = c * z + s * (wx * y - wy * x) + dot * wz
+        length = np.sqrt(directions[k, 0] ** 2 + directions[k, 1] ** 2 + directions[k, 2] ** 2)
+        for a in range(3):
+            directions[k, a] /= length
+    for a in range(3):
+        points[k, a] += motion[3 + a]

@@ -1,0 +1,107 @@
+"""Exact distances to a surface, on which every symmetry error rests (the paper, Section 3.4)."""
+
+import numpy as np
+
+from model._jit import kernel_array
+from model.geometry._bvh import build, enclose
+from model.geometry._bvh_axes import tree_axes
+from model.geometry._bvh_query import closest_points, morton_order, pack, search
+from model.types import AnyArray, FloatArray, IntArray
+
+
+class SurfaceIndex:
+    """Closest-point queries against a triangle mesh of any quality.
+
+    Distances are exact up to rounding relative to the size of the closest triangle: no grid, no sampling. Slivers,
+    faces without area, duplicates and separate bodies are fine. Queries run with the GIL released and may run in
+    several threads at once. Coordinates in any one frame; squared distances in the square of its unit.
+    """
+
+    def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
+        """Build the tree.
+
+        Args:
+            vertices: (v, 3) finite coordinates; those no face uses are ignored.
+            faces: (f, 3) vertex indices, at least one face.
+        """
+        vertices, faces = kernel_array(vertices, np.float64), kernel_array(faces, np.int32)
+        if faces.shape[0] == 0:
+            raise ValueError("a surface needs at least one face")
+        self._axes = tree_axes(vertices, faces)
+        vertices = self._turn(vertices)
+        boxes = np.empty((len(faces), 6))
+        enclose(vertices, faces, boxes)
+        sources = np.arange(len(faces), dtype=np.int32)
+        self._boxes, self._children, leaves = build(boxes, sources)
+        self._frames, self._owners = pack(vertices, faces, sources, leaves)
+
+    def closest(self, points: FloatArray, bound: float = np.inf) -> tuple[FloatArray, FloatArray, IntArray]:
+        """The closest point of the surface to each point.
+
+        Args:
+            points: (n, 3) finite coordinates.
+            bound: surface at this distance or farther is not looked for.
+
+        Returns:
+            (n, 3) closest points, (n,) squared distances, (n,) int32 face indices; NaN, infinity and -1 where there is
+            no surface within the bound.
+        """
+        turned = self._turn(kernel_array(points, np.float64))
+        squared, lanes, _ = self._search(turned, bound * bound, np.inf)
+        found = np.empty((len(turned), 3))
+        closest_points(turned, lanes, self._frames, found)
+        if self._axes is not None:
+            found = found @ self._axes
+        return found, squared, np.where(lanes >= 0, self._owners[lanes], np.int32(-1))
+
+    def squared_distances(self, points: FloatArray) -> FloatArray:
+        """(n,) squared distances of (n, 3) points from the surface."""
+        return self._search(self._turn(kernel_array(points, np.float64)), np.inf, np.inf)[0]
+
+    def mean_squared_distance(self, points: FloatArray, stop_above: float = np.inf) -> float:
+        """Mean squared distance of (n, 3) points: the symmetry error, when they are transformed surface samples.
+
+        Returns infinity as soon as the sum over a part of the points proves the mean to exceed ``stop_above``, and the
+        exact mean otherwise.
+        """
+        count = len(points)
+        if count == 0:
+            raise ValueError("the mean needs at least one point")
+        total = self._search(self._turn(kernel_array(points, np.float64)), np.inf, stop_above * count)[2]
+        return np.inf if total > stop_above * count else total / count
+
+    @property
+    def tree(self) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Boxes, children and triangle frames for kernels of other modules, in the axes of the tree."""
+        return self._boxes, self._children, self._frames
+
+    def to_tree(self, vectors: FloatArray) -> FloatArray:
+        """A copy of points or directions (n, 3) in the axes of the tree, which may be turned about the origin."""
+        return np.array(vectors if self._axes is None else vectors @ self._axes.T, dtype=np.float64, order="C")
+
+    def from_tree(self, vectors: FloatArray) -> FloatArray:
+        """Points or directions (n, 3) back in the frame of the surface."""
+        return vectors if self._axes is None else vectors @ self._axes
+
+    def _turn(self, points: FloatArray) -> FloatArray:
+        """Into the axes of the tree."""
+        if self._axes is None:
+            return points
+        with np.errstate(invalid="ignore", over="ignore"):  # from vertices that no face uses
+            return points @ self._axes.T
+
+    def _search(self, points: FloatArray, bound: float, stop_above: float) -> tuple[FloatArray, AnyArray, float]:
+        squared = np.empty(len(points))
+        lanes = np.empty(len(points), dtype=np.int64)
+        total = search(
+            points,
+            morton_order(points),
+            self._boxes,
+            self._children,
+            self._frames,
+            float(bound),
+            float(stop_above),
+            squared,
+            lanes,
+        )
+        return squared, lanes, total

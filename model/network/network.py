@@ -1,0 +1,179 @@
+"""PRS-Net, the network of the paper (section 3): voxels in, planes and rotations out. Torch only."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, cast
+
+import torch
+from torch import Tensor, nn
+
+from model.network.sparse_block import convolve, convolve_and_pool
+
+LEAKY_SLOPE = 0.2
+PLANE_SHARE = 4
+"""Parameters of a plane ``(n, d)`` and of a quaternion ``(w, x, y, z)`` alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class Architecture:
+    """What it takes to rebuild a network before its weights are loaded.
+
+    ``resolution`` R is a power of two and gives log2 R convolution blocks. ``width`` multiplies every channel
+    count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each pooling (an eighth of
+    the work of one behind the convolution), which the paper does not have. ``planes`` and ``rotations`` are the numbers
+    of heads, at most three each: the initial directions are the coordinate axes. ``channels``, if given, are the
+    channel counts of the blocks instead of the paper's doubling: the late blocks work on few voxels, so that more of
+    their channels cost little time.
+    """
+
+    resolution: int = 32
+    width: int = 1
+    batch_norm: bool = False
+    planes: int = 3
+    rotations: int = 3
+    channels: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.resolution < 2 or self.resolution & (self.resolution - 1):
+            raise ValueError(f"resolution must be a power of two of at least 2, not {self.resolution}")
+        if self.width < 1 or not 1 <= self.planes <= 3 or not 0 <= self.rotations <= 3:
+            raise ValueError("width must be positive, planes 1 to 3 and rotations 0 to 3")
+        object.__setattr__(self, "channels", tuple(self.channels))  # JSON knows lists only
+        if self.channels and (len(self.channels) != self.blocks or min(self.channels) < 1):
+            raise ValueError(f"channels must be {self.blocks} positive numbers, one a block")
+
+    @property
+    def blocks(self) -> int:
+        """Convolution blocks, each of which halves the resolution."""
+        return self.resolution.bit_length() - 1
+
+    @property
+    def block_channels(self) -> tuple[int, ...]:
+        """Channels each block puts out; those of the last are the feature vector."""
+        return self.channels or tuple(4 * self.width * 2**block for block in range(self.blocks))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as plain values, for the metadata of a checkpoint."""
+        return asdict(self)
+
+
+class PRSNet(nn.Module):
+    """The paper's network: log2 R blocks of convolution, max pooling and leaky ReLU, then one small head an output.
+
+    The feature vector has as many entries as the last block has channels (64 in the paper). Every head is fully
+    connected, ``features -> features / 2 -> features / 4 -> 4``, the last layer linear.
+    """
+
+    def __init__(self, architecture: Architecture | None = None) -> None:
+        super().__init__()
+        self.architecture = architecture or Architecture()
+        layers: list[nn.Module] = []
+        channels_in = 1
+        for channels in self.architecture.block_channels:
+            layers += [nn.Conv3d(channels_in, channels, kernel_size=3, padding=1), nn.MaxPool3d(2)]
+            if self.architecture.batch_norm:
+                layers.append(nn.BatchNorm3d(channels))
+            layers.append(nn.LeakyReLU(LEAKY_SLOPE, inplace=True))
+            channels_in = channels
+        self.features = nn.Sequential(*layers)
+        self.plane_heads = nn.ModuleList(_head(channels_in) for _ in range(self.architecture.planes))
+        self.rotation_heads = nn.ModuleList(_head(channels_in) for _ in range(self.architecture.rotations))
+        self._initialise()
+
+    def _initialise(self) -> None:
+        """Section 3: perpendicular planes and axes, half turns; convolutions drawn from N(0, 0.02).
+
+        With batch normalisation the scale of a convolution does not matter. The plane heads' last weights are
+        zero, so that every input starts at exactly the coordinate planes; the rotation heads keep the default
+        initialisation of their weights around the bias of a half turn.
+        """
+        for module in self.features:
+            if isinstance(module, nn.Conv3d):
+                nn.init.normal_(module.weight, 0.0, 0.02)
+        directions = torch.eye(3)
+        for direction, head in zip(directions, self.plane_heads, strict=False):
+            last = _last_layer(head)
+            nn.init.zeros_(last.weight)
+            _set_bias(last, torch.cat([direction, torch.zeros(1)]))
+        for direction, head in zip(directions, self.rotation_heads, strict=False):
+            _set_bias(_last_layer(head), torch.cat([torch.zeros(1), direction]))
+
+    def forward(self, voxels: Tensor) -> tuple[Tensor, Tensor]:
+        """Predict planes and rotations.
+
+        Args:
+            voxels: ``(b, 1, R, R, R)`` float, 1 where the surface is, indices in the order x, y, z over the cube
+                ``[-0.5, 0.5]^3`` of the frame the network is fed with.
+
+        Returns:
+            planes: ``(b, planes, 4)``, rows ``(n, d)`` with ``|n| = 1`` and ``n.x + d = 0``, in the frame of the input.
+            quaternions: ``(b, rotations, 4)``, unit, ``(w, x, y, z)``.
+        """
+        features = self._features(voxels).flatten(1)
+        planes = torch.stack([head(features) for head in self.plane_heads], dim=1)
+        if not self.rotation_heads:
+            return unit_planes(planes), planes.new_zeros((len(planes), 0, 4))
+        quaternions = torch.stack([head(features) for head in self.rotation_heads], dim=1)
+        return unit_planes(planes), unit_quaternions(quaternions)
+
+    def _features(self, voxels: Tensor) -> Tensor:
+        if voxels.device.type != "cpu":
+            return self.features(voxels)
+        first = cast(nn.Conv3d, self.features[0])
+        features = convolve_and_pool(voxels, first.weight, cast(Tensor, first.bias))
+        for layer in list(self.features)[2:]:
+            features = convolve(features, layer) if isinstance(layer, nn.Conv3d) else cast(Tensor, layer(features))
+        return features
+
+    def blocks(self) -> list[list[nn.Module]]:
+        """The layers of `features`, block by block: convolution, pooling, normalisation if there is one, activation."""
+        layers, length = list(self.features), 4 if self.architecture.batch_norm else 3
+        return [layers[first : first + length] for first in range(0, len(layers), length)]
+
+
+def unit_planes(planes: Tensor) -> Tensor:
+    """Planes ``(..., 4)`` with normals of unit length, the same planes (section 3)."""
+    return planes / _length(planes[..., :3]).clamp_min(1e-12)
+
+
+def unit_quaternions(quaternions: Tensor) -> Tensor:
+    """Quaternions ``(..., 4)`` of unit length (section 3)."""
+    return quaternions / _length(quaternions).clamp_min(1e-12)
+
+
+def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:
+    """Turn unit quaternions ``(..., 4)`` into unit axes ``(..., 3)`` and angles ``(...)`` in [0, pi] (section 3, end).
+
+    The identity has no axis; it comes out as the x axis with angle 0.
+    """
+    quaternions = torch.where(quaternions[..., :1] < 0, -quaternions, quaternions)
+    imaginary = quaternions[..., 1:]
+    sine = _length(imaginary)[..., 0]
+    angle = 2.0 * torch.atan2(sine, quaternions[..., 0])
+    fallback = torch.zeros_like(imaginary)
+    fallback[..., 0] = 1.0
+    axis = torch.where(sine[..., None] > 1e-9, imaginary / sine[..., None].clamp_min(1e-12), fallback)
+    return axis, angle
+
+
+def _length(vectors: Tensor) -> Tensor:
+    """Euclidean length over the last dimension, which is kept."""
+    return vectors.square().sum(-1, keepdim=True).sqrt()
+
+
+def _head(features: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(features, features // 2),
+        nn.LeakyReLU(LEAKY_SLOPE),
+        nn.Linear(features // 2, features // 4),
+        nn.LeakyReLU(LEAKY_SLOPE),
+        nn.Linear(features // 4, PLANE_SHARE),
+    )
+
+
+def _last_layer(head: nn.Module) -> nn.Linear:
+    return cast(nn.Linear, cast(nn.Sequential, head)[-1])
+
+
+def _set_bias(layer: nn.Linear, bias: Tensor) -> None:
+    with torch.no_grad():
+        layer.bias.copy_(bias)

@@ -1,0 +1,59 @@
+"""After the warm-up no request waits for a compiler."""
+
+import subprocess
+import sys
+
+import pytest
+
+from app.workers.warmup import sample_files
+from model.formats import read_mesh
+
+from .fakes import DATA
+
+ROOT = DATA.parents[1]
+# Runs in a process of its own, because kernels stay loaded. Prints the kernels that had not been warmed up.
+LATE_KERNELS = """
+import importlib, pkgutil, sys
+import model
+from app.detection import MeshLimits, Options, parse_and_detect
+from app.workers.warmup import warm_up
+from model import Detector
+
+def kernels():
+    names = [module.name for module in pkgutil.walk_packages(model.__path__, "model.")]
+    return {
+        f"{module}.{name}": list(value.signatures)
+        for module in names
+        for name, value in vars(importlib.import_module(module)).items()
+        if hasattr(value, "signatures")
+    }
+
+detector = Detector.load()
+warm_up(detector)
+before = kernels()
+assert any(before.values())
+modules = set(sys.modules)
+for path in sys.argv[1:]:
+    for mode in ("full", "paper"):
+        options = Options(mode, include=("rejected", "bop"))
+        parse_and_detect(detector, open(path, "rb").read(), path, options, MeshLimits())
+print(sorted(set(sys.modules) - modules), end=" ")
+print([name for name, signatures in kernels().items() if signatures != before[name]])
+"""
+
+
+@pytest.mark.parametrize(("name", "data"), sample_files(), ids=[name for name, _ in sample_files()])
+def test_every_sample_is_the_same_box(name: str, data: bytes) -> None:
+    mesh = read_mesh(data, name)
+    assert mesh.bounds.tolist() == [[0, 0, 0], [1, 2, 3]]
+    assert len(mesh.faces) == 12
+    assert mesh.watertight
+    assert mesh.area == pytest.approx(22)
+
+
+def test_real_files_need_no_further_kernel_and_no_further_module() -> None:
+    files = sorted(str(path) for path in DATA.iterdir() if path.suffix != ".md")
+    command = [sys.executable, "-c", LATE_KERNELS, *files]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=True)
+    # A worker could load neither: it opens no file.
+    assert result.stdout.strip() == "[] []"

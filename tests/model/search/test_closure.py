@@ -1,0 +1,55 @@
+"""Finite groups: every point group is recognised in any frame, from all members or from a few."""
+
+import numpy as np
+import pytest
+
+from model.search import closure
+from training.shapes.point_groups import group_elements, group_matrices
+from training.shapes.solids import random_rotation
+
+ORDERS = (2, 3, 4, 5, 6, 7, 8, 12, 24, 60)
+NAMES = [
+    *("C1", "Cs", "Ci", "T", "Td", "Th", "O", "Oh", "I", "Ih"),
+    *(f"{kind}{n}{suffix}" for n in ORDERS for kind, suffix in (("C", ""), ("C", "v"), ("C", "h"))),
+    *(f"D{n}{suffix}" for n in ORDERS for suffix in ("", "d", "h")),
+    *(f"S{2 * n}" for n in ORDERS[:-1]),
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_and_elements_of_all_groups_in_any_frame(name: str):
+    rng = np.random.default_rng(NAMES.index(name))
+    frame = random_rotation(rng)
+    matrices = frame @ group_matrices(name) @ frame.T
+    group = closure.closure(matrices[rng.permutation(len(matrices))[:6]])
+    assert group is not None
+    assert closure.contains(matrices, group).all()  # nothing was made up on the way
+    whole = closure.closure(matrices)
+    assert whole is not None
+    assert len(whole) == len(matrices)
+    assert closure.name(whole) == name
+    expected = group_elements(name)
+    found = closure.elements(whole)
+    assert sorted(found.orders) == sorted(expected.orders)
+    for ours, theirs in ((found.normals, expected.planes), (found.directions, expected.axes)):
+        assert len(ours) == len(theirs)
+        if len(ours):
+            assert np.abs(ours @ (theirs @ frame.T).T).max(1).min() > 1.0 - 1e-9
+
+
+def test_members_that_are_a_little_off_close_all_the_same():
+    rng = np.random.default_rng(1)
+    matrices = group_matrices("Oh")
+    wobbly = []
+    for matrix in matrices[rng.permutation(len(matrices))[:5]]:
+        left, _, right = np.linalg.svd(matrix + 1e-3 * rng.normal(size=(3, 3)))
+        wobbly.append(left @ right)
+    group = closure.closure(np.stack(wobbly))
+    assert group is not None
+    assert len(group) <= len(matrices)
+
+
+def test_rotations_that_fit_no_finite_group_are_given_up():
+    turns = [np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]) for a in (1.0, 2.0**0.5)]
+    assert closure.closure(np.stack(turns)) is None
+    assert closure.closure(group_matrices("D24h"), largest=12) is None

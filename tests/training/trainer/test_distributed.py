@@ -1,0 +1,120 @@
+"""Two processes train what one does: same batch, same random numbers, same statistics, gradients averaged."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from torch import nn
+
+from model.network.network import PRSNet
+from training.data.prepared import PreparedSet
+from training.data.store import ShapeStore
+from training.inputs.inputs import voxels_of
+from training.recipe import Recipe
+from training.trainer.distributed import World, share_statistics
+from training.trainer.fit import fit
+
+ROOT = Path(__file__).parents[3]
+
+RECIPE = """
+name = "shared"
+validation_share = 0.2
+[network]
+resolution = 8
+batch_norm = true
+[input]
+frame = "inertia"
+[damage]
+share = 0.5
+[loss]
+samples = 50
+grid = 32
+[optimizer]
+steps = 6
+batch = 8
+learning_rate = 0.005
+clip_norm = 500.0
+"""
+
+
+def torchrun(processes: int, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """`torchrun -m training ...` on this machine alone."""
+    start = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", str(processes)]
+    command = [*start, "-m", "--", "training", *map(str, arguments)]  # without --, torchrun takes --run for its own
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=240)
+
+
+def predictions(run: Path, prepared: PreparedSet) -> torch.Tensor:
+    """Planes and quaternions of the last checkpoint for shapes of the set, with the statistics of these shapes.
+
+    They and not the weights are compared: a bias in front of a batch normalisation has no gradient but rounding, which
+    Adam makes as large as any other, and running averages follow it late.
+    """
+    network = PRSNet(Recipe.from_dict(json.loads((run / "run.json").read_text())["recipe"]).network)
+    network.load_state_dict(torch.load(run / "last.pt", weights_only=True)["network"])
+    store = ShapeStore(prepared, torch.device("cpu"), 32)
+    with torch.no_grad():
+        return torch.cat(network.train()(voxels_of(store.meshes(torch.arange(24) * 4), 8)), dim=1)
+
+
+def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path):
+    toml = tmp_path / "recipe.toml"
+    toml.write_text(RECIPE)
+    fit(Recipe.load(toml), prepared, tmp_path / "one", device="cpu", log_every=1)
+    options = ("--recipe", toml, "--device", "cpu", "--no-tensorboard")
+    result = torchrun(2, "fit", prepared.root, "--run", tmp_path / "two", *options)
+    assert result.returncode == 0, result.stderr
+    one, two = (predictions(tmp_path / name, prepared) for name in ("one", "two"))
+    torch.testing.assert_close(two, one, rtol=0.0, atol=1e-4)
+    # Training has moved them by far more than that.
+    assert (one[:, :3, :3] - torch.eye(3)).abs().max() > 1e-2
+    # The curve is that of the whole batch, and one process alone wrote it.
+    with (tmp_path / "one" / "curve.csv").open() as lines, (tmp_path / "two" / "curve.csv").open() as others:
+        last, rows = list(csv.DictReader(lines))[-1], list(csv.DictReader(others))
+    assert [row["step"] for row in rows] == ["6"]
+    for key in ("loss", "best_plane", "gradient_norm", "turn", "half_turn", "validation_loss"):
+        assert float(rows[0][key]) == pytest.approx(float(last[key]), rel=2e-3, abs=1e-6), key
+    assert "2 process(es)" in (tmp_path / "two" / "log.txt").read_text()
+    # And it is the same run: one process finds nothing left to do in the folder of two.
+    fit(Recipe.load(toml), prepared, tmp_path / "two", device="cpu")
+
+
+def test_a_batch_that_cannot_be_divided_is_refused():
+    world = World(torch.device("cpu"), rank=1, size=3)
+    assert world.part(12) == slice(4, 8)
+    with pytest.raises(ValueError, match="a batch of 32 cannot be divided evenly among 3 processes"):
+        world.part(32)
+
+
+@pytest.mark.parametrize("kind", [nn.BatchNorm1d, nn.BatchNorm3d])
+def test_shared_statistics_of_one_process_are_those_of_torch(kind: type[nn.Module], tmp_path: Path):
+    """A group of one: forward, backward and running statistics as torch's own layer has them."""
+    shape = (6, 3) if kind is nn.BatchNorm1d else (6, 3, 2, 4, 2)
+    inputs = torch.randn(shape, generator=torch.Generator().manual_seed(1)) * 3.0 + 1.0
+    layers = [nn.Sequential(kind(3)) for _ in range(2)]
+    nn.init.uniform_(layers[0][0].weight, 0.5, 2.0)
+    layers[1].load_state_dict(layers[0].state_dict())
+    share_statistics(layers[1])
+    torch.distributed.init_process_group("gloo", init_method=f"file://{tmp_path / 'meet'}", rank=0, world_size=1)
+    try:
+        outputs, gradients = [], []
+        for layer in layers:
+            fed = inputs.clone().requires_grad_()
+            output = layer(fed)
+            (output**3).sum().backward()
+            outputs.append(output.detach())
+            gradients.append(fed.grad)
+        for layer in layers:
+            layer.eval()
+        torch.testing.assert_close(layers[1](inputs), layers[0](inputs))
+    finally:
+        torch.distributed.destroy_process_group()
+    torch.testing.assert_close(outputs[1], outputs[0])
+    torch.testing.assert_close(gradients[1], gradients[0], rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(layers[1].state_dict(), layers[0].state_dict())

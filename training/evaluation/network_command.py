@@ -1,0 +1,55 @@
+"""What `training evaluate` does with raw networks, from its arguments to the text it prints."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from training.evaluation.grouping import groups_of, read_column, render_by
+from training.evaluation.network_report import render, summarise
+from training.evaluation.networks import Options, evaluate
+
+
+def run(
+    folders: Sequence[Path],
+    options: Options,
+    *,
+    by: str | None = None,
+    manifest: Path | None = None,
+    json_file: Path | None = None,
+    limit: int | None = None,
+    ground_truth: Path | None = None,
+    workers: int = 1,
+    progress: bool = True,
+) -> str:
+    """Judge and return the tables.
+
+    Args:
+        folders: of meshes.
+        options: what is judged.
+        by: also one table for each ``source`` (the first folder below the root), or for each value of another column of
+            the manifest, such as ``kind``.
+        manifest: CSV file with a column ``path`` that holds the names of the shapes.
+        json_file: takes the options and all figures.
+        limit: judge so many shapes, drawn at random.
+        ground_truth: file of `training groundtruth`.
+        workers: processes.
+        progress: show a bar.
+
+    Raises:
+        ValueError: an argument does not fit.
+    """
+    column = read_column(manifest, by)
+    records = evaluate(folders, options, limit=limit, ground_truth=ground_truth, workers=workers, progress=progress)
+
+    def table(members: Sequence[Mapping[str, Any]]) -> str:
+        return render(summarise(members), options.damage)
+
+    texts = [table(records)]
+    if json_file is not None:
+        document = {"options": asdict(options), **summarise(records)}
+        json_file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    if by is not None:
+        texts.append(f"## By {by}\n\n{render_by(records, groups_of(records, by, column), table)}")
+    return "\n\n".join(texts)

@@ -1,0 +1,4 @@
+"""What the network is shown: batches of meshes, augmented, posed and voxelized on the training device.
+
+Torch and numpy alone; knows neither losses nor the trainer.
+"""

@@ -1,0 +1,128 @@
+"""What is done to shapes before the network is shown them, so that it learns what real uploads look like.
+
+Holes, cuts, noise, decimation, doubled faces, thin parts: plain torch on whole batches, drawn on the fly. The loss goes
+on judging on the shape as it was (paper, section 6.6).
+"""
+
+import torch
+from torch import Tensor
+
+from training.inputs.meshbatch import MeshBatch
+from training.recipe import DamageRecipe
+
+_HASH = ((127.1, 269.5, 419.2), (311.7, 183.3, 371.9), (74.7, 246.1, 151.7))
+
+
+def damaged(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Some of the shapes with something done to them, as the recipe says."""
+    if damage.share > 0:
+        meshes = _with_holes(meshes, damage, generator)
+    if damage.cuts > 0:
+        meshes = _with_cuts(meshes, damage, generator)
+    if damage.noise > 0:
+        meshes = _with_noise(meshes, damage, generator)
+    if damage.clusters > 0:
+        meshes = _with_clusters(meshes, damage, generator)
+    if damage.doubled > 0:
+        meshes = _with_doubled(meshes, damage, generator)
+    if damage.spikes > 0:
+        meshes = _with_spikes(meshes, damage, generator)
+    return meshes
+
+
+def _with_holes(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Remove the triangles whose centroid lies in a ball around a random triangle, for ``share`` of the shapes."""
+    middle = meshes.middles
+    draws = torch.rand((meshes.size, 3), generator=generator, device=middle.device)
+    low, high = damage.radius
+    radius = (low + (high - low) * draws[:, 1]) * (draws[:, 2] < damage.share)
+    picked = _picked(meshes, draws[:, 0])
+    return _without(meshes, (middle - middle[picked][meshes.shape]).norm(dim=1) < radius[meshes.shape])
+
+
+def _with_cuts(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Remove the triangles beyond a plane of random direction through a random triangle, for ``cuts`` of the shapes."""
+    return _without(meshes, _beyond(meshes, damage.cuts, generator))
+
+
+def _with_noise(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Move the vertices of ``noise`` of the shapes at random. Corners at one place move together: no gaps open."""
+    draws = torch.rand((meshes.size, 2), generator=generator, device=meshes.corners.device)
+    deviation = damage.noise_size * draws[:, 0] * (draws[:, 1] < damage.noise)
+    # A hash of the place instead of a draw for every corner: triangles do not know which corners they share.
+    places = meshes.corners @ torch.tensor(_HASH, device=meshes.corners.device) + 100.0 * draws[:1, :1]
+    uniform = torch.sin(places) * 43758.547
+    uniform = uniform - uniform.floor() - 0.5
+    return MeshBatch(
+        meshes.corners + (12.0**0.5 * deviation)[meshes.shape, None, None] * uniform, meshes.shape, meshes.size
+    )
+
+
+def _picked(meshes: MeshBatch, draws: Tensor) -> Tensor:
+    """A random triangle of every shape, by ``draws`` ``(b,)`` in [0, 1): rows of ``corners``."""
+    counts = meshes.counts
+    return counts.cumsum(0) - counts + (draws * counts).long().clamp_max(counts - 1)
+
+
+def _without(meshes: MeshBatch, dropped: Tensor) -> MeshBatch:
+    """Without the triangles marked, but for shapes that would lose half: one that all but vanishes teaches nothing."""
+    areas = meshes.areas
+    kept = meshes.per_shape(areas * ~dropped) >= 0.5 * meshes.per_shape(areas)
+    return meshes.without(dropped & kept[meshes.shape])
+
+
+def _with_clusters(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Decimate ``clusters`` of the shapes: vertices that share a cell of a random grid become one (its corner)."""
+    draws = torch.rand((meshes.size, 5), generator=generator, device=meshes.corners.device)
+    size = (damage.cluster_size * draws[:, 0]).clamp_min(1e-6)[meshes.shape, None, None]
+    shift = draws[meshes.shape, None, 1:4]
+    moved = ((meshes.corners / size + shift).round() - shift) * size
+    merged = MeshBatch(moved, meshes.shape, meshes.size)
+    # What is thinner than a cell would vanish.
+    kept = merged.per_shape(merged.areas) >= 0.5 * meshes.per_shape(meshes.areas)
+    chosen = (kept & (draws[:, 4] < damage.clusters))[meshes.shape]
+    return MeshBatch(torch.where(chosen[:, None, None], moved, meshes.corners), meshes.shape, meshes.size)
+
+
+def _with_doubled(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Of ``doubled`` of the shapes what lies beyond a random plane is there twice: inner walls, repeated faces.
+
+    Not a voxel changes, but centroid and inertia frame do, which weigh by area.
+    """
+    beyond = _beyond(meshes, damage.doubled, generator)
+    return _joined(meshes, meshes.corners[beyond], meshes.shape[beyond])
+
+
+def _with_spikes(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """``spikes`` of the shapes get a thin part that their symmetry does not know: an antenna, a sprue, a stray edge.
+
+    A needle of random direction and up to ``spike_length`` stands on a random triangle. It weighs next to nothing, but
+    may well be what the scale of the unit frame is measured by.
+    """
+    device = meshes.corners.device
+    draws = torch.rand((meshes.size, 3), generator=generator, device=device)
+    directions = torch.randn((meshes.size, 3), generator=generator, device=device)
+    directions = directions / directions.norm(dim=1, keepdim=True)
+    foot = meshes.middles[_picked(meshes, draws[:, 0])]
+    tip = foot + damage.spike_length * draws[:, 1:2] * directions
+    beside = foot + 0.004 * directions.roll(1, dims=1)
+    needles = torch.stack([foot, beside, tip], dim=1)
+    chosen = draws[:, 2] < damage.spikes
+    return _joined(meshes, needles[chosen], torch.arange(meshes.size, device=device)[chosen])
+
+
+def _beyond(meshes: MeshBatch, share: float, generator: torch.Generator) -> Tensor:
+    """Triangles beyond a plane of random direction through a random triangle, for ``share`` of the shapes: ``(t,)``."""
+    middle = meshes.middles
+    draws = torch.rand((meshes.size, 2), generator=generator, device=middle.device)
+    normals = torch.randn((meshes.size, 3), generator=generator, device=middle.device)
+    normals = normals / normals.norm(dim=1, keepdim=True)
+    height = (middle * normals[meshes.shape]).sum(1)
+    beyond = height > height[_picked(meshes, draws[:, 0])][meshes.shape]
+    return beyond & (draws[:, 1] < share)[meshes.shape]
+
+
+def _joined(meshes: MeshBatch, corners: Tensor, shape: Tensor) -> MeshBatch:
+    """With further triangles ``(n, 3, 3)`` of the shapes ``(n,)``."""
+    order = torch.cat([meshes.shape, shape]).sort(stable=True)
+    return MeshBatch(torch.cat([meshes.corners, corners])[order.indices], order.values, meshes.size)

@@ -1,0 +1,64 @@
+"""What `training shapes` wrote down of the symmetries of a file, in the form of the search's truth."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from model.geometry.frames import UnitFrame
+from model.meshes.mesh import Mesh
+from model.types import FloatArray
+from training.oracle.groundtruth import find_symmetries
+from training.oracle.truth import Truth, TruthAxis
+
+
+def truth_of(path: Path, mesh: Mesh, frame: UnitFrame, known: Truth | None) -> tuple[Truth, str | None]:
+    """What `training shapes` wrote down, else what is ``known``, else what a search finds; and the group if written."""
+    written = written_truth(path, frame)
+    return written or (known or find_symmetries(mesh.vertices, mesh.faces), None)
+
+
+def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
+    """Truth and point group that `training shapes` wrote beside a file, in its unit frame; None if it did not.
+
+    Of the planes through a continuous axis, which the file does not list, two are added as the search would.
+    """
+    file = path.parent / "ground_truth.json"
+    if not file.is_file():
+        return None
+    entry = json.loads(file.read_text(encoding="utf-8")).get(path.name)
+    if entry is None:
+        return None
+    planes = [frame.plane_to_unit(np.array(plane)) for plane in entry["planes"]]
+    axes = [
+        TruthAxis(np.array(axis["direction"]), frame.to_unit(np.array(axis["point"])), axis["order"], 0.0)
+        for axis in entry["axes"]
+    ]
+    truth = listed_truth(frame, np.reshape(planes, (-1, 4)), np.zeros(len(planes)), axes)
+    return truth, entry["point_group"]
+
+
+def listed_truth(frame: UnitFrame, planes: FloatArray, errors: FloatArray, axes: list[TruthAxis]) -> Truth:
+    """Ground truth from ``planes`` ``(k, 4)`` with ``errors`` ``(k,)`` that leave out those through a continuous axis.
+
+    Two of them are added, as the search would, as exact as the axis is taken to be.
+    """
+    endless = [axis for axis in axes if axis.order is None]
+    through = planes_through(endless[0]) if len(endless) == 1 else []
+    return Truth(
+        center=frame.center,
+        scale=frame.scale,
+        planes=np.concatenate([planes, np.reshape(through, (-1, 4))]),
+        plane_errors=np.concatenate([errors, np.zeros(len(through))]),
+        plane_continuous=np.array([len(endless) > 1] * len(planes) + [True] * len(through), dtype=np.bool_),
+        axes=axes,
+    )
+
+
+def planes_through(axis: TruthAxis) -> list[FloatArray]:
+    """The two perpendicular planes (n, d) that stand for all planes through a continuous axis in a list."""
+    first: FloatArray = np.eye(3)[np.argmin(np.abs(axis.direction))]
+    first = first - (first @ axis.direction) * axis.direction
+    first /= np.linalg.norm(first)
+    second = np.array(np.cross(axis.direction, first), dtype=np.float64)
+    return [np.append(normal, -normal @ axis.point) for normal in (first, second)]

@@ -1,0 +1,4 @@
+"""Procedural shapes whose symmetries are known exactly, and the point groups they realise.
+
+Knows arrays only.
+"""
