@@ -1,8 +1,8 @@
 """How long the network takes on one core: `python benchmarks/network.py [WEIGHTS...]`.
 
 CPU milliseconds of `model.network.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for
-1, 2, 4 and 8 sign frames in one batch, beside `PRSNet.forward` on the same batch; and of the frames of paper mode, alone and with the
-choice among their answers. Medians; run it on an idle machine.
+1, 2, 4 and 8 sign frames in one batch, beside `PRSNet.forward` on the same batch; and of the frames of paper mode,
+alone and with the choice among their answers. Medians; run it on an idle machine.
 """
 
 import sys

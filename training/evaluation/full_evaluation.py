@@ -1,7 +1,8 @@
 """`training evaluate --mode full`: how complete, exact and fast full mode is, beside other methods.
 
 Every shape is damaged and posed (`corruptions`), shown to every method (`full_methods`), and the answers are matched
-against what is known of the intact shape (`matching`). Errors are exact distances on samples no method has seen. `training.evaluation.full_report` turns the records into tables.
+against what is known of the intact shape (`matching`). Errors are exact distances on samples no method has seen.
+`full_report` turns the records into tables.
 """
 
 import json
