@@ -1,6 +1,6 @@
 """How long the network takes on one core: `python benchmarks/network.py [WEIGHTS...]`.
 
-CPU milliseconds of `model.network.inference.CompiledNetwork` on the voxels of the meshes of tests/data, for
+CPU milliseconds of `model.network.inference.CpuNetwork` on the voxels of the meshes of tests/data, for
 1, 2, 4 and 8 sign frames in one batch, beside `PRSNet.forward` on the same batch; and of the frames of paper mode,
 alone and with the choice among their answers. Medians; run it on an idle machine.
 """
@@ -19,7 +19,7 @@ from model.detector import use_one_thread
 from model.formats import read_mesh
 from model.geometry.frames import UnitFrame, inertia_frame
 from model.network.checkpoint import Checkpoint, load_checkpoint
-from model.network.proposals import turned_voxels
+from model.network.proposals import rotated_voxels
 from model.network.views import look, other_views
 from model.types import FloatArray, IntArray
 
@@ -49,7 +49,7 @@ def main(weights: list[str]) -> None:
         for frames in (1, 2, 4, 8):
             compiled, plain = [], []
             for vertices, faces, principal in shapes:
-                grid = turned_voxels(checkpoint, vertices, faces, principal)
+                grid = rotated_voxels(checkpoint, vertices, faces, principal)
                 flips = FLIPS[:frames]
                 batch = np.stack([np.flip(grid, [axis for axis in range(3) if flip[axis]]) for flip in flips])
                 voxels = torch.as_tensor(batch[:, None].astype(np.float32))
@@ -77,7 +77,7 @@ def _as_used(
 ) -> tuple[float, float]:
     """Milliseconds of one pass over all its frames, and with means and the choice among all answers; voxels given."""
     rotations = [principal, *other_views(principal)][: checkpoint.input.views]
-    grids = [turned_voxels(checkpoint, vertices, faces, rotation) for rotation in rotations]
+    grids = [rotated_voxels(checkpoint, vertices, faces, rotation) for rotation in rotations]
     flips = FLIPS[: checkpoint.input.sign_frames]
     forward = partial(checkpoint.compiled, *((grid, flips) for grid in grids))
     return median_ms(forward), median_ms(partial(look, checkpoint, grids, rotations))

@@ -96,14 +96,14 @@ class Detection:
             for k in range(1, axis.order)
         ]
         if self.point_group == "Dinfh":
-            across, centre = self._over()
+            across, centre = self._perpendicular_half_turn()
             discrete.append(rotation_homogeneous(across, centre, np.pi).ravel().tolist())
         continuous = [
             {"axis": axis.direction.tolist(), "offset": axis.point.tolist()} for axis in self.axes if axis.continuous
         ]
         return {"symmetries_discrete": discrete, "symmetries_continuous": continuous}
 
-    def _over(self) -> tuple[FloatArray, FloatArray]:
+    def _perpendicular_half_turn(self) -> tuple[FloatArray, FloatArray]:
         """Direction and point of an axis that turns a surface of revolution of group Dinfh over."""
         along = next(axis for axis in self.axes if axis.continuous)
         across = [plane for plane in self.planes if plane.continuous]

@@ -28,10 +28,10 @@ from model.network.proposals import (
     input_rotation,
     next_rotation,
     predict_each,
-    turned_voxels,
+    rotated_voxels,
 )
 from model.network.views import look, other_views
-from model.paper.paper_mode import validated
+from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
 from model.report import to_input
 from model.search.full import Sources, find_symmetries
@@ -43,7 +43,7 @@ from model.types import FloatArray, IntArray
 REFINE_SAMPLES = 240
 """Surface samples that elements are refined on in full mode; they are judged on others."""
 
-EVERY_DIRECTION = 83
+DIRECTION_STRIDE = 83
 """Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
 
 FULL_FRAMES = 1
@@ -123,7 +123,7 @@ class Detector:
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
         samples, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
-        found = validated(proposals, surface, samples, max_error)
+        found = validate_proposals(proposals, surface, samples, max_error)
         timings["refine"] = 0.0
         timings["validate"] = _since(mark)
         return found
@@ -139,7 +139,7 @@ class Detector:
         mark = time.perf_counter()
         principal = canonical_signs(inertia_frame(vertices, faces)[0], vertices, faces)
         turn = principal if self._checkpoint.input.frame == "inertia" else np.eye(3)
-        occupied = turned_voxels(self._checkpoint, vertices, faces, turn)
+        occupied = rotated_voxels(self._checkpoint, vertices, faces, turn)
         timings["voxelize"] = _since(mark)
         mark = time.perf_counter()
         proposals = predict_each(self._checkpoint, occupied, turn, FULL_FRAMES) if sources.network else None
@@ -147,7 +147,7 @@ class Detector:
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
         samples, _ = sample_surface(vertices, faces, REFINE_SAMPLES, seed=1)
-        sides = directions()[::EVERY_DIRECTION] @ principal
+        sides = directions()[::DIRECTION_STRIDE] @ principal
         anchors = extreme_vertices(vertices, faces, np.concatenate([sides, -sides]))
         judging, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
         judge = Judge(surface, judging, max_error, lambda: sample_surface(vertices, faces, MORE_SAMPLES, seed=2)[0])
@@ -170,7 +170,7 @@ class Detector:
         rotation = input_rotation(checkpoint, vertices, faces)
         for left in reversed(range(checkpoint.input.passes)):
             rotations = [rotation] if left or checkpoint.input.views == 1 else [rotation, *other_views(rotation)]
-            grids = [turned_voxels(checkpoint, vertices, faces, turn) for turn in rotations]
+            grids = [rotated_voxels(checkpoint, vertices, faces, turn) for turn in rotations]
             spent["voxelize"] += _since(mark)
             mark = time.perf_counter()
             proposals = look(checkpoint, grids, rotations)

@@ -120,7 +120,7 @@ def fit(
     from training.data.mixture import Mixture
     from training.data.prepared import PreparedSet
     from training.recipe import Recipe
-    from training.trainer.fit import Start
+    from training.trainer.fit import Initialization
     from training.trainer.fit import fit as train
     from training.trainer.monitor import CollapseError
 
@@ -142,7 +142,7 @@ def fit(
             from model.network.checkpoint import load_checkpoint
 
             given = load_checkpoint(start)
-            begin = Start(given.network, {key: given.metadata[key] for key in ("name", "version", "sha256")})
+            begin = Initialization(given.network, {key: given.metadata[key] for key in ("name", "version", "sha256")})
     except (ValueError, PRSNetError) as error:
         raise typer.BadParameter(str(error)) from error
     bar, on_progress, on_derive = _bars(chosen.optimizer.steps, progress and main)

@@ -29,7 +29,7 @@ app = typer.Typer(
 class Exit(IntEnum):
     """What the process tells a script."""
 
-    FINE = 0
+    OK = 0
     SOME_FAILED = 1
     USAGE = 2
     ALL_FAILED = 3
@@ -266,7 +266,7 @@ def _report_failures(outcomes: list[Outcome]) -> Exit:
     """List what failed, and say how it went."""
     failed = [outcome for outcome in outcomes if outcome.response is None]
     if not failed:
-        return Exit.FINE
+        return Exit.OK
     if len(outcomes) > 1:
         typer.echo(f"{len(failed)} of {len(outcomes)} failed:", err=True)
     for outcome in failed:

@@ -12,7 +12,7 @@ from app.http import auth, openapi, pages, routes, tracing
 from app.http.middleware import HEADER, RequestContext
 from app.http.runtime import Runtime
 from app.settings import Settings
-from app.workers.factory import Launch
+from app.workers.zygote_client import Launch
 
 logger = logging.getLogger("prsnet")
 

@@ -9,8 +9,8 @@ from enum import Enum
 from app.http.metrics import Metrics
 from app.problems import NOT_READY, ProblemError
 from app.settings import Settings
-from app.workers.factory import Card, Launch, StartError, launcher
 from app.workers.pool import WorkerPool
+from app.workers.zygote_client import Card, Launch, StartError, launcher
 
 logger = logging.getLogger("prsnet")
 

@@ -2,5 +2,5 @@
 
 ``pool`` (in the server) hands jobs to workers and replaces those that end; ``factory`` (in the server) talks to the
 ``zygote``, a process that has everything loaded and forks workers in milliseconds; ``worker`` is what those run,
-inside the walls of ``sandbox``. ``wire`` is how they talk, ``verify`` why the server believes an answer.
+inside the limits of ``sandbox``. ``wire`` is how they talk, ``verify`` why the server believes an answer.
 """

@@ -11,8 +11,8 @@ from app.problems import OVERLOADED, ProblemError
 from app.settings import Settings
 from app.workers import verify, wire
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
-from app.workers.factory import Card, Factory, Launch, StartError, Worker
-from app.workers.wire import Job, Walls
+from app.workers.wire import Job, SandboxLimits
+from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteClient
 
 logger = logging.getLogger("prsnet")
 _SPARE = 1
@@ -31,12 +31,12 @@ class WorkerPool:
         self.running = 0
         self.on_restart: Callable[[str], None] = lambda _: None
         self._launch = launch
-        self._factory: Factory | None = None
+        self._factory: ZygoteClient | None = None
         self._turn = asyncio.Semaphore(settings.workers)
         self._idle: list[Worker] = []
         self._live: set[Worker] = set()
         self._arrival = asyncio.Event()
-        self._chores: set[asyncio.Task[None]] = set()
+        self._background_tasks: set[asyncio.Task[None]] = set()
         self._revival = asyncio.Lock()
         self._closed = False
         self.card: Card | None = None
@@ -52,7 +52,7 @@ class WorkerPool:
         Raises:
             StartError: the weights do not load, or no worker starts.
         """
-        factory = self._factory = self._new_factory()
+        factory = self._factory = self._new_zygote()
         self.card = await factory.start()
         if self.card.threads > 1:
             logger.warning("workers are forked from a process with %d threads", self.card.threads)
@@ -98,7 +98,7 @@ class WorkerPool:
                 for _ in range(_TRIES):
                     worker = await self._take()
                     try:
-                        return await self._let_work(worker, job, data)
+                        return await self._run_job(worker, job, data)
                     except _LOST:
                         await self._account_for(worker)
                 raise WorkerLostError
@@ -108,10 +108,10 @@ class WorkerPool:
     async def close(self) -> None:
         """End all processes."""
         self._closed = True
-        for chore in self._chores:
+        for chore in self._background_tasks:
             chore.cancel()
-        if self._chores:
-            await asyncio.wait(self._chores)
+        if self._background_tasks:
+            await asyncio.wait(self._background_tasks)
         for worker in list(self._live):
             worker.kill()
         self._live.clear()
@@ -120,11 +120,11 @@ class WorkerPool:
             factory, self._factory = self._factory, None
             await factory.close()
 
-    async def _let_work(self, worker: Worker, job: Job, data: bytes | int) -> verify.Answer:
+    async def _run_job(self, worker: Worker, job: Job, data: bytes | int) -> verify.Answer:
         """One try. The worker is given back only if it said all it had to; otherwise it is killed."""
         keep, reason = False, "deadline"
         try:
-            kind, payload = await self._converse(worker, job, data)
+            kind, payload = await self._exchange(worker, job, data)
             reason = "untrusted"
             if kind == wire.ANSWER:
                 assert self.card is not None
@@ -174,7 +174,7 @@ class WorkerPool:
             return verify.trusted(payload, body, job, card)
         return await asyncio.to_thread(verify.trusted, payload, body, job, card)
 
-    async def _converse(self, worker: Worker, job: Job, data: bytes | int) -> tuple[bytes, bytes]:
+    async def _exchange(self, worker: Worker, job: Job, data: bytes | int) -> tuple[bytes, bytes]:
         seconds = self.settings.parse_s
         try:
             async with asyncio.timeout(seconds):
@@ -237,8 +237,8 @@ class WorkerPool:
 
     def _begin(self, work: Coroutine[None, None, None]) -> None:
         chore = asyncio.create_task(work)
-        self._chores.add(chore)
-        chore.add_done_callback(self._chores.discard)
+        self._background_tasks.add(chore)
+        chore.add_done_callback(self._background_tasks.discard)
 
     async def _replace(self) -> None:
         """Get one more worker, however long it takes, with a new zygote if need be."""
@@ -260,21 +260,23 @@ class WorkerPool:
         except StartError as error:
             logger.error("no new process to fork workers from: %s", error)
 
-    async def _living_factory(self) -> Factory:
+    async def _living_factory(self) -> ZygoteClient:
         async with self._revival:
             if self._factory is not None and self._factory.alive:
                 return self._factory
             if self._factory is not None:
                 await self._factory.close()
-            factory = self._factory = self._new_factory()
+            factory = self._factory = self._new_zygote()
             if await factory.start() != self.card:
                 await factory.close()
                 raise StartError("the weights have changed since the service started")
             return factory
 
-    def _new_factory(self) -> Factory:
+    def _new_zygote(self) -> ZygoteClient:
         settings = self.settings
-        factory = Factory(self._launch, Walls(settings.worker_memory_bytes, settings.sandbox, settings.worker_nice))
+        factory = ZygoteClient(
+            self._launch, SandboxLimits(settings.worker_memory_bytes, settings.sandbox, settings.worker_nice)
+        )
         factory.on_worker_end = self._on_worker_end
         factory.on_end = self._on_zygote_end
         return factory

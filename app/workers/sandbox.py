@@ -1,7 +1,7 @@
-"""The walls around a worker: resource limits everywhere, and on Linux a list of the system calls it may make.
+"""The sandbox of a worker: resource limits everywhere, and on Linux a list of the system calls it may make.
 
 A worker talks over one socket that it has, and computes. It opens nothing: no file, no connection, no process. All of
-what it needs is loaded before the walls go up. None of this needs a privilege, and all of it holds as root too.
+what it needs is loaded before it closes. None of this needs a privilege, and all of it holds as root too.
 """
 
 import contextlib
@@ -69,7 +69,7 @@ def limit_cpu(seconds: float) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (end if hard < 0 else min(end, hard), hard))
 
 
-def be_killed_first() -> None:
+def raise_oom_score() -> None:
     """Where memory runs out, the kernel shall end a worker and not the server."""
     with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:
         file.write("1000")

@@ -16,8 +16,8 @@ from app import schemas
 from app.outputs import glb
 from app.outputs.mesh_file import BodyError, Counts
 from app.outputs.meshes import WRITERS
-from app.workers.factory import Card
 from app.workers.wire import Job
+from app.workers.zygote_client import Card
 from model import errors
 
 LARGEST_ANSWER = 16 << 20

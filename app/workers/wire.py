@@ -57,7 +57,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Walls:
+class SandboxLimits:
     """What a worker may use: see the settings of the same names."""
 
     memory_bytes: int

@@ -1,4 +1,4 @@
-"""What a worker does: put up the walls, warm up, then one job after the other until the server hangs up."""
+"""What a worker does: enter the sandbox, warm up, then one job after the other until the server hangs up."""
 
 import contextlib
 import json
@@ -17,12 +17,12 @@ _LONGEST_TRACE = 8000
 _NO_MEMORY = wire.frame(wire.NO_MEMORY)  # made while there is memory for it
 
 
-def live(connection: socket.socket, detector: SymmetryDetector, walls: wire.Walls) -> NoReturn:
+def run_worker(connection: socket.socket, detector: SymmetryDetector, limits: wire.SandboxLimits) -> NoReturn:
     """Serve jobs until the server has gone or something went wrong, which the server is told; then end the process."""
     code = 1
     try:
         _mute()
-        _run(connection, detector, walls)
+        _run(connection, detector, limits)
         code = 0
     except BaseException:
         with contextlib.suppress(BaseException):
@@ -39,14 +39,14 @@ def _mute() -> None:
     os.close(nowhere)
 
 
-def _run(connection: socket.socket, detector: SymmetryDetector, walls: wire.Walls) -> None:
+def _run(connection: socket.socket, detector: SymmetryDetector, limits: wire.SandboxLimits) -> None:
     """Serve jobs; returns when the server has gone, or when memory ran out and the process should not go on."""
-    os.nice(walls.nice)
-    sandbox.be_killed_first()
-    sandbox.limit_resources(walls.memory_bytes)
-    if walls.sandbox and sandbox.available():
+    os.nice(limits.nice)
+    sandbox.raise_oom_score()
+    sandbox.limit_resources(limits.memory_bytes)
+    if limits.sandbox and sandbox.available():
         sandbox.filter_system_calls()
-    # Inside of the walls, so that what they break breaks here; and once in this process, so that the pages it shares
+    # Inside the sandbox, so that what they break breaks here; and once in this process, so that the pages it shares
     # with the zygote until it writes to them are its own before a request waits for it.
     name, data = sample_files()[0]
     parse_and_detect(detector, data, name, Options(), MeshLimits())

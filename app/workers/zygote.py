@@ -1,11 +1,12 @@
 """The process that workers are forked from: it loads weights and kernels once, and never sees a file of a stranger.
 
 A fork takes milliseconds and shares what is loaded, where a new process takes seconds and memory of its own. It is
-safe because this process has one thread: ``factory`` tells libraries so before they are imported.
+safe because this process has one thread: ``zygote_client`` tells libraries so before they are imported.
 
-    python -m app.workers.zygote SOCKET WALLS WEIGHTS
+    python -m app.workers.zygote SOCKET LIMITS WEIGHTS
 
-is run by ``app.workers.factory``; SOCKET is an inherited descriptor, WALLS the members of ``worker.Walls`` as JSON.
+is run by ``zygote_client``; SOCKET is an inherited descriptor, LIMITS the members of ``wire.SandboxLimits`` as
+JSON.
 """
 
 import contextlib
@@ -23,8 +24,8 @@ from types import FrameType
 from app.detection import SymmetryDetector, load_detector
 from app.workers import wire
 from app.workers.warmup import warm_up
-from app.workers.wire import Walls
-from app.workers.worker import live
+from app.workers.wire import SandboxLimits
+from app.workers.worker import run_worker
 from model.errors import CheckpointError
 from model.formats import SUPPORTED_FORMATS
 
@@ -37,7 +38,7 @@ ONE_THREAD = {
 """Environment in which torch and numpy start no threads of their own."""
 
 
-def serve(control: socket.socket, load: Callable[[], SymmetryDetector], walls: Walls) -> None:
+def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: SandboxLimits) -> None:
     """Load, say so, then fork a worker for every socket that arrives; returns when the server has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # they come to the whole group; the server decides when to end
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -64,14 +65,16 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], walls: W
     children: set[int] = set()
     try:
         with contextlib.suppress(ConnectionError):
-            _fork_on_request(control, detector, walls, children)
+            _fork_on_request(control, detector, limits, children)
     finally:
         for child in children:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(child, signal.SIGKILL)
 
 
-def _fork_on_request(control: socket.socket, detector: SymmetryDetector, walls: Walls, children: set[int]) -> None:
+def _fork_on_request(
+    control: socket.socket, detector: SymmetryDetector, limits: SandboxLimits, children: set[int]
+) -> None:
     wake, woken = socket.socketpair()
     woken.setblocking(False)
     wake.setblocking(False)
@@ -95,7 +98,7 @@ def _fork_on_request(control: socket.socket, detector: SymmetryDetector, walls: 
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 for other in (control, wake, woken):
                     other.close()
-                live(connection, detector, walls)
+                run_worker(connection, detector, limits)
             children.add(pid)
             connection.close()
             control.sendall(wire.json_frame(wire.FORKED, pid))
@@ -119,7 +122,7 @@ def _ended(children: set[int]) -> list[tuple[int, int]]:
 
 def main() -> None:
     """Serve with what the command line says."""
-    walls = Walls(**json.loads(sys.argv[2]))
+    limits = SandboxLimits(**json.loads(sys.argv[2]))
 
     def load() -> SymmetryDetector:
         from model.detector import use_one_thread
@@ -128,7 +131,7 @@ def main() -> None:
         return load_detector(sys.argv[3])
 
     with socket.socket(fileno=int(sys.argv[1])) as control:
-        serve(control, load, walls)
+        serve(control, load, limits)
 
 
 if __name__ == "__main__":

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.completion.missing import find_missing, tolerance_of
+from model.completion.missing import estimate_tolerance, find_missing
 from model.completion.seam import join
 from model.errors import DegenerateMeshError
 from model.geometry.frames import UnitFrame, triangle_areas
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect
-from model.meshes._topology import first_at_place
-from model.meshes.clipping import clip, compact, without_slivers
+from model.meshes._topology import duplicate_vertex_map
+from model.meshes.clipping import clip, nondegenerate_mask, remove_unreferenced_vertices
 from model.meshes.mesh import Mesh
 from model.meshes.subdivision import edge_lengths
 from model.types import FloatArray, IntArray
@@ -73,12 +73,12 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
     surface = SurfaceIndex(vertices, faces)
     samples = reflect(sample_surface(vertices, faces, _SAMPLES, seed=0)[0], plane)
     error = surface.mean_squared_distance(samples)
-    tolerance = tolerance_of(surface, samples)
+    tolerance = estimate_tolerance(surface, samples)
     part = find_missing(surface, reflect(vertices, plane), np.ascontiguousarray(faces[:, ::-1]), tolerance)
     joined = join(surface, vertices, faces, part, tolerance)
     area = triangle_areas(vertices[faces]).sum()
     added = triangle_areas(joined.vertices[joined.faces[joined.kept :]]).sum()
-    everything, all_faces, used = compact(joined.vertices, joined.faces)
+    everything, all_faces, used = remove_unreferenced_vertices(joined.vertices, joined.faces)
     coordinates = frame.to_input(everything)
     kept = int(np.searchsorted(used, len(own)))
     coordinates[:kept] = own[used[:kept]]
@@ -120,9 +120,9 @@ def halve(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[Floa
 
 def merged(mesh: Mesh) -> tuple[FloatArray, IntArray]:
     """Vertices and faces with those at one place made one, unused ones and faces without corners dropped."""
-    faces = first_at_place(mesh.vertices)[mesh.faces]
-    faces = faces[without_slivers(faces)]
-    vertices, faces, _ = compact(mesh.vertices, faces)
+    faces = duplicate_vertex_map(mesh.vertices)[mesh.faces]
+    faces = faces[nondegenerate_mask(faces)]
+    vertices, faces, _ = remove_unreferenced_vertices(mesh.vertices, faces)
     return vertices, faces
 
 
@@ -150,8 +150,8 @@ def _half(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: fl
     result = np.concatenate([faces[above], pieces])
     if not len(result):
         raise DegenerateMeshError("Nothing of the mesh is on that side of the plane.")
-    places = first_at_place(clipped.vertices)[result]
-    half, half_faces, _ = compact(clipped.vertices, places[without_slivers(places)])
+    places = duplicate_vertex_map(clipped.vertices)[result]
+    half, half_faces, _ = remove_unreferenced_vertices(clipped.vertices, places[nondegenerate_mask(places)])
     return half, half_faces
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from model.geometry.frames import triangle_areas
 from model.geometry.surface import SurfaceIndex
-from model.meshes.clipping import clip, compact
+from model.meshes.clipping import clip, remove_unreferenced_vertices
 from model.meshes.subdivision import edge_lengths, halve_edges
 from model.types import BoolArray, FloatArray, IntArray
 
@@ -35,7 +35,7 @@ _STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Missing:
+class MissingRegion:
     """The missing part: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, which vertices are ``on_border`` ``(v,)``."""
 
     vertices: FloatArray
@@ -43,7 +43,7 @@ class Missing:
     on_border: BoolArray
 
 
-def tolerance_of(surface: SurfaceIndex, mirrored_samples: FloatArray) -> float:
+def estimate_tolerance(surface: SurfaceIndex, mirrored_samples: FloatArray) -> float:
     """How far a mirrored surface lies from the original where both are there, by samples ``(n, 3)`` of the mirrored.
 
     Three times the median distance of those samples that lie near it, within bounds; where hardly any does (of a half,
@@ -56,7 +56,7 @@ def tolerance_of(surface: SurfaceIndex, mirrored_samples: FloatArray) -> float:
     return float(np.clip(_NOISE_FACTOR * np.median(near), SMALLEST_TOLERANCE, LARGEST_TOLERANCE))
 
 
-def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> Missing:
+def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> MissingRegion:
     """The part of a mirrored surface that the original one lacks, all in the unit frame.
 
     Args:
@@ -86,11 +86,11 @@ def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, t
     # With their neighbours, in which the border may run a little beyond the points they were judged by.
     touched = np.zeros(len(vertices), dtype=np.bool_)
     touched[faces[chosen]] = True
-    part, part_faces, _ = compact(vertices, faces[touched[faces].any(axis=1)])
+    part, part_faces, _ = remove_unreferenced_vertices(vertices, faces[touched[faces].any(axis=1)])
     return _cut(surface, part, part_faces, tolerance)
 
 
-def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> Missing:
+def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> MissingRegion:
     """The part of the faces that is farther than the tolerance from the surface.
 
     Whole faces are cut like the others: where they touch the border, their neighbours' cuts go through their edges.
@@ -107,8 +107,8 @@ def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance
 
     vertices, faces, far = _with_centres(surface, vertices, faces, tolerance)
     clipped = clip(vertices, faces, far, crossing)
-    part, part_faces, used = compact(clipped.vertices, clipped.faces)
-    return Missing(part, part_faces, clipped.is_border[used])
+    part, part_faces, used = remove_unreferenced_vertices(clipped.vertices, clipped.faces)
+    return MissingRegion(part, part_faces, clipped.is_border[used])
 
 
 def _with_centres(

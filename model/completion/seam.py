@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from model.completion.missing import Missing
+from model.completion.missing import MissingRegion
 from model.geometry.surface import SurfaceIndex
-from model.meshes.clipping import without_slivers
+from model.meshes.clipping import nondegenerate_mask
 from model.types import AnyArray, FloatArray, IntArray
 
 _REACH, _CORNER = 3.0, 1.5
@@ -48,7 +48,7 @@ class _Rim:
     neighbours: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
 
 
-def join(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, part: Missing, tolerance: float) -> Joined:
+def join(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, part: MissingRegion, tolerance: float) -> Joined:
     """Add a missing part to a surface.
 
     Args:
@@ -83,7 +83,7 @@ def join(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, part: Mis
     kept = _split_faces(faces, rim, {edge: sorted(points) for edge, points in on_edges.items()})
     between = _edge_of(on_edges)
     new = index[part.faces].astype(np.int32)
-    new = new[without_slivers(new)]
+    new = new[nondegenerate_mask(new)]
     new = _split_along(new, rim, between, everything, len(vertices), _SLACK * tolerance)
     result = np.concatenate([kept, new]).astype(np.int32)
     return Joined(everything, result, len(kept), float(np.sqrt(squared.max(initial=0.0))))

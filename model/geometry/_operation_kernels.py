@@ -106,9 +106,9 @@ def refine(
     count = samples.shape[0]
     seeds = np.zeros(count, dtype=np.int64)  # where the image of each sample was found last: the best place to begin
     distances, ordered = np.empty(count), np.empty(count)
-    image, toward = np.empty((count, 3)), np.empty((count, 3))
+    image, gradients = np.empty((count, 3)), np.empty((count, 3))
     linear = np.empty((1, 3, 3))
-    matrix, motion = np.empty((6, 6)), np.empty(6)
+    matrix, twist = np.empty((6, 6)), np.empty(6)
     for k in range(directions.shape[0]):
         scale = first_scale / shrink
         for _ in range(steps):
@@ -137,26 +137,30 @@ def refine(
                 seeds[i] = lane // LANES
                 distance = np.sqrt(squared)
                 if distance < contact:
-                    toward[i, 0], toward[i, 1], toward[i, 2] = normal_of(lane, frames)
+                    gradients[i, 0], gradients[i, 1], gradients[i, 2] = normal_of(lane, frames)
                 else:
                     cx, cy, cz = closest_on(x, y, z, lane, frames)
-                    toward[i, 0], toward[i, 1], toward[i, 2] = x - cx, y - cy, z - cz
-                    length = np.sqrt(toward[i, 0] ** 2 + toward[i, 1] ** 2 + toward[i, 2] ** 2)
+                    gradients[i, 0], gradients[i, 1], gradients[i, 2] = (
+                        x - cx,
+                        y - cy,
+                        z - cz,
+                    )
+                    length = np.sqrt(gradients[i, 0] ** 2 + gradients[i, 1] ** 2 + gradients[i, 2] ** 2)
                     for a in range(3):
-                        toward[i, a] /= length
+                        gradients[i, a] /= length
                 image[i, 0], image[i, 1], image[i, 2] = x, y, z
                 distances[i], ordered[i] = distance, distance
                 total += squared
             ordered.sort()
             typical = max(spread * ordered[min(int(quantile * count), count - 1)], np.sqrt(total / count), final_scale)
             scale = max(min(scale * shrink, typical), final_scale)
-            _step(samples, image, toward, distances, linear, scale, damping, matrix, motion)
-            _clip(motion, 0, largest_turn)
-            _clip(motion, 3, largest_shift)
-            _move(directions, points, k, motion)
+            _step(samples, image, gradients, distances, linear, scale, damping, matrix, twist)
+            _clip(twist, 0, largest_turn)
+            _clip(twist, 3, largest_shift)
+            _move(directions, points, k, twist)
             moved = 0.0
             for a in range(6):
-                moved = max(moved, abs(motion[a]))
+                moved = max(moved, abs(twist[a]))
             if moved <= settled + roughly * np.sqrt(total / count):
                 break
 
@@ -165,21 +169,21 @@ def refine(
 def _step(
     samples: FloatArray,
     image: FloatArray,
-    toward: FloatArray,
+    gradients: FloatArray,
     distances: FloatArray,
     linear: FloatArray,
     scale: float,
     damping: float,
     matrix: FloatArray,
-    motion: FloatArray,
+    twist: FloatArray,
 ) -> None:
-    """Fill ``motion`` with the turn (3) and shift (3) of the element that solve the weighted normal equations."""
-    row = motion  # scratch until the end
+    """Fill ``twist`` with the turn (3) and shift (3) of the element that solve the weighted normal equations."""
+    row = twist  # scratch until the end
     r0, r1, r2, r3, r4, r5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     matrix[:] = 0.0
     g0, g1, g2, g3, g4, g5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(samples.shape[0]):
-        mx, my, mz = toward[i, 0], toward[i, 1], toward[i, 2]
+        mx, my, mz = gradients[i, 0], gradients[i, 1], gradients[i, 2]
         # R^T m
         bx = linear[0, 0, 0] * mx + linear[0, 1, 0] * my + linear[0, 2, 0] * mz
         by = linear[0, 0, 1] * mx + linear[0, 1, 1] * my + linear[0, 2, 1] * mz
@@ -206,8 +210,8 @@ def _step(
     # Motions that leave the operation as it is (along its own element) have no gradient: damping keeps them out.
     for a in range(6):
         matrix[a, a] += damping * trace + 1e-12
-    motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = g0, g1, g2, g3, g4, g5
-    _solve(matrix, motion)
+    twist[0], twist[1], twist[2], twist[3], twist[4], twist[5] = g0, g1, g2, g3, g4, g5
+    _solve(matrix, twist)
 
 
 @jit
@@ -240,9 +244,9 @@ def _clip(vector: FloatArray, first: int, largest: float) -> None:
 
 
 @jit
-def _move(directions: FloatArray, points: FloatArray, k: int, motion: FloatArray) -> None:
-    """Turn element ``k`` about the origin by the first half of ``motion``, then shift it by the second."""
-    wx, wy, wz = motion[0], motion[1], motion[2]
+def _move(directions: FloatArray, points: FloatArray, k: int, twist: FloatArray) -> None:
+    """Turn element ``k`` about the origin by the first half of ``twist``, then shift it by the second."""
+    wx, wy, wz = twist[0], twist[1], twist[2]
     angle = np.sqrt(wx * wx + wy * wy + wz * wz)
     if angle > 0.0:
         wx, wy, wz = wx / angle, wy / angle, wz / angle
@@ -257,4 +261,4 @@ def _move(directions: FloatArray, points: FloatArray, k: int, motion: FloatArray
         for a in range(3):
             directions[k, a] /= length
     for a in range(3):
-        points[k, a] += motion[3 + a]
+        points[k, a] += twist[3 + a]

@@ -17,17 +17,17 @@ DIRECTIONS = 1000
 """Neighbours are 4.5 degrees apart; half of that moves a point at the rim by about a voxel of a 32 grid."""
 
 POINTS = 128
-REACH = 3
+TRUNCATION_RADIUS = 3
 """Distances are cut off at so many voxels: what is missing on the other side counts as that far."""
 
 NEAR = 2.0
-"""Cut-off of `DistanceGrid.misfit`, in voxels; where something is missing a longer one would only add to all."""
+"""Cut-off of `DistanceGrid.interpolated_error`, in voxels: beyond it a part is missing, at any distance."""
 
 _NEIGHBOURS = 8
 
 
 class DistanceGrid:
-    """Squared distance from the nearest occupied voxel, in voxels, cut off at ``REACH``; and points to look up.
+    """Squared distance from the nearest occupied voxel, in voxels, truncated; and points to look up.
 
     ``centre`` ``(3,)`` is the mean of the occupied voxels and ``points`` ``(p, 3)`` some of them, evenly picked, in the
     frame of the grid: that of `voxelize`.
@@ -59,14 +59,14 @@ class DistanceGrid:
         cells = np.clip(self._cells(images), 0.0, size - 1.0).astype(np.int64)
         return self.squared.ravel()[(cells[..., 0] * size + cells[..., 1]) * size + cells[..., 2]].mean(-1)
 
-    def misfit(self, operations: Operations) -> FloatArray:
+    def interpolated_error(self, operations: Operations) -> FloatArray:
         """Mean squared distances, in voxels, of the points' images, interpolated between cells: ``(k,)``.
 
         Slower and finer than `score`: it tells planes apart that differ by a degree. Cut off at ``NEAR``.
         """
         result = np.empty(len(operations))
         points, fixed = (kernel_array(self._cells(p) - 0.5, np.float64) for p in (self.points, operations.points))
-        _misfit(points, fixed, operations.matrices, self.distances.ravel(), len(self.squared), result)
+        _interpolated_error(points, fixed, operations.matrices, self.distances.ravel(), len(self.squared), result)
         return result
 
     @cached_property
@@ -75,7 +75,7 @@ class DistanceGrid:
         return np.sqrt(self.squared, dtype=np.float32)
 
     def _cells(self, points: FloatArray) -> FloatArray:
-        return (points + 0.5) * self.resolution + REACH
+        return (points + 0.5) * self.resolution + TRUNCATION_RADIUS
 
 
 @lru_cache(maxsize=1)
@@ -141,7 +141,7 @@ def _scan(
 
 
 @jit
-def _misfit(
+def _interpolated_error(
     points: FloatArray, fixed: FloatArray, linear: FloatArray, distances: AnyArray, size: int, result: FloatArray
 ) -> None:
     """``result`` ``(k,)`` of images ``R (p - f) + f`` in the padded grid, whole numbers being the middle of cells."""
@@ -169,19 +169,19 @@ def _misfit(
 
 
 def _truncated_squares(occupied: BoolArray) -> IntArray:
-    """Squared distances to the nearest occupied voxel, at most ``REACH`` squared, in a grid padded by ``REACH``.
+    """Squared distances to the nearest occupied voxel, truncated, in a grid padded by ``TRUNCATION_RADIUS``.
 
     One axis after the other, on the flat array: a shift that leaves a row ends in the padding of the next, which is
     empty along the axis at hand. The sums stay contiguous and take a fifth of the time of those on the three axes.
     """
-    size = len(occupied) + 2 * REACH
-    padded = np.full((size, size, size), REACH * REACH, dtype=np.uint8)
-    inner = slice(REACH, -REACH)
+    size = len(occupied) + 2 * TRUNCATION_RADIUS
+    padded = np.full((size, size, size), TRUNCATION_RADIUS * TRUNCATION_RADIUS, dtype=np.uint8)
+    inner = slice(TRUNCATION_RADIUS, -TRUNCATION_RADIUS)
     padded[inner, inner, inner][occupied] = 0
     squared = padded.ravel()
     for stride in (1, size, size * size):
         before = squared.copy()
-        for shift in range(1, REACH):
+        for shift in range(1, TRUNCATION_RADIUS):
             step, cost = shift * stride, np.uint8(shift * shift)
             np.minimum(squared[step:], before[:-step] + cost, out=squared[step:])
             np.minimum(squared[:-step], before[step:] + cost, out=squared[:-step])

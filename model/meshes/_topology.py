@@ -12,14 +12,14 @@ def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
     Faces of which corners coincide have no area and do not count. Works for any (v, 3) coordinates and (f, 3) faces.
     """
     faces = kernel_array(faces, np.int32)
-    merged = first_at_place(vertices)
+    merged = duplicate_vertex_map(vertices)
     starts = np.zeros(len(merged) + 1, dtype=np.int64)
     ends = np.empty(3 * len(faces), dtype=np.int32)
     _sort_edges(merged, faces, starts, ends)
     return bool(_all_paired(starts, ends))
 
 
-def first_at_place(vertices: FloatArray) -> IntArray:
+def duplicate_vertex_map(vertices: FloatArray) -> IntArray:
     """For every vertex ``(v, 3)`` the index of the first one with the same coordinates: ``(v,)``."""
     positions = kernel_array(vertices, np.float64) + 0.0  # makes -0.0 and 0.0 the same bits
     size = 16

@@ -57,13 +57,13 @@ def clip(vertices: FloatArray, faces: IntArray, inside: BoolArray, crossing: Cro
     return Clipped(grown, np.concatenate(pieces).astype(np.int32), is_border)
 
 
-def compact(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+def remove_unreferenced_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """The vertices that faces use, the faces over them, and which vertices these were."""
     used, local = np.unique(faces, return_inverse=True)
     return vertices[used], np.ascontiguousarray(local.reshape(-1, 3), dtype=np.int32), used.astype(np.int32)
 
 
-def without_slivers(faces: IntArray) -> BoolArray:
+def nondegenerate_mask(faces: IntArray) -> BoolArray:
     """Which faces ``(f, 3)`` have three different corners: ``(f,)``."""
     a, b, c = faces.T
     return (a != b) & (b != c) & (c != a)

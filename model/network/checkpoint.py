@@ -15,7 +15,7 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from model.errors import CheckpointError
-from model.network.inference import CompiledNetwork
+from model.network.inference import CpuNetwork
 from model.network.network import Architecture, PRSNet
 
 FORMAT_VERSION = 1
@@ -55,9 +55,9 @@ class Checkpoint:
     metadata: Mapping[str, Any]
 
     @cached_property
-    def compiled(self) -> CompiledNetwork:
+    def compiled(self) -> CpuNetwork:
         """The network as the detector runs it; its weights must not change any more."""
-        return CompiledNetwork(self.network)
+        return CpuNetwork(self.network)
 
 
 def save_checkpoint(path: str | os.PathLike[str], network: PRSNet, metadata: Mapping[str, Any]) -> None:

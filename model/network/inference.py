@@ -32,7 +32,7 @@ def fast_dtype() -> torch.dtype:
     return torch.bfloat16 if torch.cpu.get_capabilities().get("amx_bf16", False) else torch.float32
 
 
-class CompiledNetwork:
+class CpuNetwork:
     """A network in evaluation mode whose weights will not change any more."""
 
     def __init__(self, network: PRSNet, dtype: torch.dtype | None = None) -> None:
@@ -79,7 +79,7 @@ class CompiledNetwork:
         out = np.empty((sum(len(flips) for _, flips in views), half, half, half, channels), dtype=np.float32)
         first, slope = 0, np.float32(LEAKY_SLOPE)
         for occupied, flips in views:
-            under, flags = kernel_array(_under(occupied), np.uint16), kernel_array(flips, np.uint8)
+            under, flags = kernel_array(_slab_codes(occupied), np.uint16), kernel_array(flips, np.uint8)
             own = out[first : first + len(flips)]
             _first_block(under, self._mirrored_sums(flips), self._scale, self._shift, slope, flags, own)
             first += len(flips)
@@ -171,7 +171,7 @@ def _sums(kernels: AnyArray) -> AnyArray:
     return rows[:, :, 0] + rows[:, :, 2] + rows[:, :, 1]
 
 
-def _under(occupied: BoolArray) -> AnyArray:
+def _slab_codes(occupied: BoolArray) -> AnyArray:
     """Which of the 3^2 voxels of a slab across x lie under the kernel, as a row of `_sums`: ``(R + 2, R, R)`` uint16.
 
     Slabs are counted from one before the grid; within them the kernel stands on every voxel.

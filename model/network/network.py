@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from model.network.sparse_block import convolve, convolve_and_pool
 
 LEAKY_SLOPE = 0.2
-PLANE_SHARE = 4
+HEAD_OUTPUTS = 4
 """Parameters of a plane ``(n, d)`` and of a quaternion ``(w, x, y, z)`` alike."""
 
 
@@ -166,7 +166,7 @@ def _head(features: int) -> nn.Sequential:
         nn.LeakyReLU(LEAKY_SLOPE),
         nn.Linear(features // 2, features // 4),
         nn.LeakyReLU(LEAKY_SLOPE),
-        nn.Linear(features // 4, PLANE_SHARE),
+        nn.Linear(features // 4, HEAD_OUTPUTS),
     )
 
 

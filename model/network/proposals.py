@@ -41,7 +41,7 @@ def input_rotation(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray
     return inertia_frame(vertices, faces)[0]
 
 
-def turned_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> BoolArray:
+def rotated_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> BoolArray:
     """The turned shape as the network is to see it: ``(R, R, R)``."""
     turned = np.ascontiguousarray(vertices @ rotation.T)
     return voxelize(turned, faces, checkpoint.network.architecture.resolution)

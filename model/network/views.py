@@ -1,4 +1,4 @@
-"""A shape looked at from several frames, and of all that is said of it what fits the voxels best.
+"""The proposals of several frames (views) of a shape, and of all of them those that fit its voxels best.
 
 Where two moments of inertia nearly tie, noise or a hole turns the inertia frame by any angle, and all its sign frames
 with it: the heads then agree on something wrong. Turned by 45 degrees about the first or the last axis, which mixes the
@@ -48,30 +48,30 @@ def look(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence
         grids: the views' voxels ``(R, R, R)``, the main view's first.
         rotations: from the unit frame to that of each view's voxels.
     """
-    said = predict(checkpoint, grids, rotations)
+    candidates = predict(checkpoint, grids, rotations)
     if len(grids) == checkpoint.input.sign_frames == 1:
-        return said[0]
+        return candidates[0]
     heads = checkpoint.network.architecture
-    return choose(said, grids[0], rotations[0], heads.planes, heads.rotations)
+    return select_proposals(candidates, grids[0], rotations[0], heads.planes, heads.rotations)
 
 
-def choose(
-    said: Sequence[Proposals], voxels: BoolArray, rotation: FloatArray, planes: int, rotations: int
+def select_proposals(
+    candidates: Sequence[Proposals], voxels: BoolArray, rotation: FloatArray, planes: int, rotations: int
 ) -> Proposals:
-    """Of all that is said, and of the frame's own planes and half turns, what maps the voxels onto themselves best.
+    """Of all candidates, those of the frame itself among them, the ones that map the voxels onto themselves best.
 
     Args:
-        said: planes and rotations in the unit frame, any number.
+        candidates: planes and rotations in the unit frame, any number.
         voxels: ``(R, R, R)`` to judge by.
         rotation: ``(3, 3)`` from the unit frame to that of the voxels.
-        planes: how many planes to choose at most.
+        planes: how many planes to select_proposals at most.
         rotations: how many rotations.
 
     Returns:
         the best first, planes 30 degrees apart and axes 60.
     """
     frame = Proposals(np.column_stack([rotation, np.zeros(3)]), rotation, np.full(3, np.pi))
-    everything = [frame, *said]
+    everything = [frame, *candidates]
     mirrors = np.concatenate([one.planes for one in everything])
     directions = np.concatenate([one.directions for one in everything])
     angles = np.concatenate([one.angles for one in everything])
@@ -80,15 +80,15 @@ def choose(
     normals, axes = mirrors[:, :3] @ rotation.T, directions @ rotation.T
     reflections = Operations.reflections(np.column_stack([normals, mirrors[:, 3]]))
     turns = Operations.rotations(axes, np.zeros(3), angles)
-    misfit = grid.misfit(Operations.joined([reflections, turns]))
-    best = _best(normals, misfit[: len(mirrors)], planes, _PLANES_APART)
-    turned = _best(axes, misfit[len(mirrors) :], rotations, _AXES_APART)
+    interpolated_error = grid.interpolated_error(Operations.joined([reflections, turns]))
+    best = _best(normals, interpolated_error[: len(mirrors)], planes, _PLANES_APART)
+    turned = _best(axes, interpolated_error[len(mirrors) :], rotations, _AXES_APART)
     return Proposals(mirrors[best], directions[turned], angles[turned])
 
 
-def _best(directions: FloatArray, misfit: FloatArray, count: int, apart: float) -> list[int]:
-    """At most ``count`` rows of the lowest misfit, their directions' cosines not over ``apart``."""
-    left = misfit.copy()
+def _best(directions: FloatArray, interpolated_error: FloatArray, count: int, apart: float) -> list[int]:
+    """At most ``count`` rows of the lowest interpolated_error, their directions' cosines not over ``apart``."""
+    left = interpolated_error.copy()
     kept: list[int] = []
     while len(kept) < count and np.isfinite(left).any():
         best = int(left.argmin())

@@ -1,4 +1,4 @@
-"""Paper mode: the network's own output, nothing refined, validated exactly as the paper does (section 5)."""
+"""Paper mode: the network's own output, nothing refined, validate_proposals exactly as the paper does (section 5)."""
 
 import numpy as np
 
@@ -10,7 +10,9 @@ from model.symmetries import FoundAxis, FoundPlane, Symmetries, TurnedDown
 from model.types import FloatArray
 
 
-def validated(proposals: Proposals, surface: SurfaceIndex, samples: FloatArray, max_error: float) -> Symmetries:
+def validate_proposals(
+    proposals: Proposals, surface: SurfaceIndex, samples: FloatArray, max_error: float
+) -> Symmetries:
     """At most three planes and three continuous axes, all through the origin of the unit frame but for their offsets.
 
     Args:

@@ -10,7 +10,7 @@ from model.geometry.surface import SurfaceIndex
 from model.types import FloatArray
 
 ROUND_DEVIATION = 0.0065
-"""A facetted circle counts as round if no point strays farther from it, as a part of its radius: between a regular
+"""A faceted circle counts as round if no point strays farther from it, as a part of its radius: between a regular
 24-gon (0.86 %), whose order is told, and the 32 segments (0.48 %) with which most programs draw a cylinder."""
 
 SPHERE_DEVIATION = 0.013

@@ -25,7 +25,7 @@ from app.http.main import create_app
 from app.http.runtime import Runtime, State
 from app.settings import Settings
 from app.workers import zygote
-from app.workers.wire import Walls
+from app.workers.wire import SandboxLimits
 from model.detection import Axis, Detection, Plane, Rejected
 
 DATA = Path(__file__).parents[1] / "data"
@@ -124,10 +124,10 @@ class FakeDetector:
         return Detection([plane], axes, "Cs", center, 1.5, mesh, timings, ["a warning"], rejected)
 
 
-def forked(detector: Any) -> Callable[[Walls], tuple[socket.socket, Callable[[], None]]]:
+def forked(detector: Any) -> Callable[[SandboxLimits], tuple[socket.socket, Callable[[], None]]]:
     """A launcher of zygotes that serve ``detector``, forked from this process."""
 
-    def launch(walls: Walls) -> tuple[socket.socket, Callable[[], None]]:
+    def launch(limits: SandboxLimits) -> tuple[socket.socket, Callable[[], None]]:
         ours, theirs = socket.socketpair()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # newer Pythons warn of threads, of which the child uses none
@@ -135,7 +135,7 @@ def forked(detector: Any) -> Callable[[Walls], tuple[socket.socket, Callable[[],
         if pid == 0:
             try:
                 ours.close()
-                zygote.serve(theirs, lambda: detector, walls)
+                zygote.serve(theirs, lambda: detector, limits)
             except BaseException:
                 traceback.print_exc()
             finally:

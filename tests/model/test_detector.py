@@ -9,10 +9,10 @@ import pytest
 import trimesh
 
 from model import Detection, Detector, Mesh
+from model.formats.conversion import as_mesh as to_mesh
 from model.geometry.frames import UnitFrame
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
-from model.meshes.mesh import as_mesh as to_mesh
 from model.paper.validation import MAX_ERROR
 from tests.shapes import as_mesh, box, known, moved, pose
 

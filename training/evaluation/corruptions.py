@@ -59,22 +59,22 @@ class Similarity:
         return np.column_stack([normals, planes[:, 3] * self.scale - normals @ self.translation])
 
     def planes_to_unit(self, planes: FloatArray) -> FloatArray:
-        """Shown planes ``(k, 4)``, rows (n, d), in the unit frame."""
+        """CorruptedShape planes ``(k, 4)``, rows (n, d), in the unit frame."""
         normals = planes[:, :3] @ self.rotation
         offsets = (planes[:, 3] + planes[:, :3] @ self.translation) / self.scale
         return np.column_stack([normals, offsets])
 
     def points_to_unit(self, points: FloatArray) -> FloatArray:
-        """Shown points ``(..., 3)`` in the unit frame."""
+        """CorruptedShape points ``(..., 3)`` in the unit frame."""
         return (points - self.translation) @ self.rotation / self.scale
 
     def directions_to_unit(self, directions: FloatArray) -> FloatArray:
-        """Shown directions ``(..., 3)`` in the unit frame."""
+        """CorruptedShape directions ``(..., 3)`` in the unit frame."""
         return directions @ self.rotation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class CorruptedShape:
     """What a detector gets to see: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and the way back."""
 
     vertices: FloatArray
@@ -82,7 +82,7 @@ class Shown:
     similarity: Similarity
 
 
-def show(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: int) -> Shown:
+def show(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: int) -> CorruptedShape:
     """A shape as one of `DAMAGES`.
 
     Args:
@@ -99,7 +99,7 @@ def show(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: i
         raise ValueError(f"damage is one of {', '.join(DAMAGES)}, not {damage!r}")
     frame = UnitFrame.of(vertices, faces)
     if damage == "clean":
-        return Shown(vertices, faces, Similarity(np.eye(3), frame.center, frame.scale))
+        return CorruptedShape(vertices, faces, Similarity(np.eye(3), frame.center, frame.scale))
     rng = np.random.default_rng([seed, index])
     scale = float(10.0 ** rng.uniform(-1.0, 1.0))
     similarity = Similarity(random_rotation(rng), scale * rng.normal(size=3), scale)
@@ -112,7 +112,7 @@ def show(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: i
         shown, faces = cut_ball(shown, faces, rng, diagonal)
     elif damage == "decimated":
         shown, faces = decimate(shown, faces, diagonal)
-    return Shown(shown, faces, similarity)
+    return CorruptedShape(shown, faces, similarity)
 
 
 def add_noise(

@@ -25,7 +25,7 @@ from model.meshes.mesh import Mesh
 from model.network.checkpoint import InputSpec, load_checkpoint
 from model.types import FloatArray
 from training.baselines.classical import box_planes, pca_planes, untrained
-from training.evaluation.corruptions import DAMAGES, Shown, show
+from training.evaluation.corruptions import DAMAGES, CorruptedShape, show
 from training.evaluation.matching import clear_axes_found, clear_planes_found, ground_truth_error, nearest_clear_plane
 from training.layouts import SourceFile, draw_meshes, parse
 from training.oracle.known_truth import truth_of
@@ -37,7 +37,7 @@ _JUDGE_SEED = 7919
 UNTRAINED = "untrained"
 PCA = "PCA"
 BOX = "oriented bounding box"
-RIVALS = {PCA: pca_planes, BOX: box_planes}
+BASELINES = {PCA: pca_planes, BOX: box_planes}
 TOLERANCES = ((1.0, 0.01), (5.0, 0.05))
 """Degrees, and distance in the unit frame, within which a true plane or axis counts as met."""
 
@@ -117,7 +117,7 @@ def _judge_file(job: _Job) -> dict[str, Any]:
     return head | judge(mesh, shown, truth, _detectors(job.options.weights))
 
 
-def judge(mesh: Mesh, shown: Shown, truth: Truth, detectors: Mapping[str, Detector]) -> dict[str, Any]:
+def judge(mesh: Mesh, shown: CorruptedShape, truth: Truth, detectors: Mapping[str, Detector]) -> dict[str, Any]:
     """One shape, every method.
 
     Returns:
@@ -149,7 +149,7 @@ def judge(mesh: Mesh, shown: Shown, truth: Truth, detectors: Mapping[str, Detect
             said["found"] = [clear_planes_found(truth, planes, *tolerance) for tolerance in TOLERANCES]
         return said
 
-    methods = {name: judged(planes_of(vertices, shown.faces)) for name, planes_of in RIVALS.items()}
+    methods = {name: judged(planes_of(vertices, shown.faces)) for name, planes_of in BASELINES.items()}
     for name, detector in detectors.items():
         timings: dict[str, float] = {}
         mark = time.thread_time()

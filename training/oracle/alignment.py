@@ -1,4 +1,4 @@
-"""Moves of the exhaustive search: batches of candidate symmetries are fitted to a surface by exact distances.
+"""Candidates of the exhaustive search: batches of candidate symmetries are fitted to a surface by exact distances.
 
 Two kinds of steps. *Closed-form* steps map the samples best to the closest points of their images; they reach far and
 converge linearly. *Damped Gauss-Newton* steps on the exact distances converge quadratically where the symmetry is
@@ -73,7 +73,7 @@ class Planes:
         heights = normals @ samples.T + self.rows[:, 3:]
         return samples[None] - 2.0 * heights[..., None] * normals[:, None]
 
-    def closed_step(self, samples: FloatArray, surface: Surface) -> "Planes":
+    def icp_step(self, samples: FloatArray, surface: Surface) -> "Planes":
         """The planes that best map the samples to the closest points of their images."""
         closest = surface.closest(self.images(samples))
         mean_q, mean_o = samples.mean(0), closest.mean(1)
@@ -137,7 +137,7 @@ class Axes:
         """Rotated ``(m, 3)`` samples, ``(k, m, 3)``."""
         return self.points[:, None] + self._rotated(samples[None] - self.points[:, None])
 
-    def closed_step(self, samples: FloatArray, surface: Surface) -> "Axes":
+    def icp_step(self, samples: FloatArray, surface: Surface) -> "Axes":
         """The rotations that best map the samples to the closest points of their images; the angle is fitted too.
 
         The best rigid motion (Kabsch), less its shift along the axis.
@@ -222,10 +222,10 @@ def tilted(direction: FloatArray, angle: float, count: int = 8) -> FloatArray:
     return np.cos(angle) * direction + np.sin(angle) * sides
 
 
-Moves = TypeVar("Moves", Planes, Axes)
+Candidates = TypeVar("Candidates", Planes, Axes)
 
 
-def polish(moves: Moves, samples: FloatArray, surface: Surface, steps: int) -> tuple[Moves, FloatArray]:
+def polish(moves: Candidates, samples: FloatArray, surface: Surface, steps: int) -> tuple[Candidates, FloatArray]:
     """Damped Gauss-Newton (Levenberg-Marquardt) on the exact distances of ``(m, 3)`` samples, all candidates at once.
 
     Returns:

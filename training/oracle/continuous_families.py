@@ -65,27 +65,27 @@ def surplus_planes(axes: list[TruthAxis], rows: FloatArray, errors: FloatArray) 
 
     A round table on four thin legs is symmetric within the limit in many planes; four of them are meant.
     """
-    surplus = np.zeros(len(rows), dtype=bool)
+    redundant = np.zeros(len(rows), dtype=bool)
     for axis in axes:
         if axis.order is not None and axis.error < CLEAR_ERROR:
             through = np.flatnonzero(planes_through(axis, rows) & (errors < CLEAR_ERROR))
-            surplus[through[np.argsort(errors[through], kind="stable")[axis.order :]]] = True
+            redundant[through[np.argsort(errors[through], kind="stable")[axis.order :]]] = True
     # Planes at a small angle to each other make turns by twice that angle: without such an axis one is a look-alike.
     many = [planes_through(axis, rows) for axis in axes if axis.order is None or axis.order * _CLOSE >= np.pi]
     for better, worse in zip(*np.nonzero(errors[:, None] < errors), strict=True):
         close = abs(float(rows[better, :3] @ rows[worse, :3])) > np.cos(_CLOSE)
-        if close and not surplus[better] and errors[worse] < CLEAR_ERROR:
-            surplus[worse] |= not any(through[better] and through[worse] for through in many)
-    return surplus
+        if close and not redundant[better] and errors[worse] < CLEAR_ERROR:
+            redundant[worse] |= not any(through[better] and through[worse] for through in many)
+    return redundant
 
 
 def surplus_axes(axes: list[TruthAxis]) -> list[bool]:
     """Which of the axes are too many: one of order n is crossed by at most n clear two-fold axes."""
-    surplus = [False] * len(axes)
+    redundant = [False] * len(axes)
     for axis in axes:
         if axis.order is not None and axis.error < CLEAR_ERROR:
             crossing = [i for i, other in enumerate(axes)
                         if other.order == 2 and other.error < CLEAR_ERROR and across(axis, other)]  # fmt: skip
             for index in sorted(crossing, key=lambda i: axes[i].error)[axis.order :]:
-                surplus[index] = True
-    return surplus
+                redundant[index] = True
+    return redundant

@@ -13,7 +13,7 @@ import numpy as np
 from model.geometry.frames import inertia_frame
 from model.geometry.sampling import sample_surface
 from model.types import BoolArray, FloatArray, IntArray
-from training.oracle.alignment import Axes, Moves, Planes, Surface, polish, tilted
+from training.oracle.alignment import Axes, Candidates, Planes, Surface, polish, tilted
 from training.oracle.continuous_families import (
     across,
     family_planes,
@@ -142,7 +142,7 @@ class Search:
         np.minimum.at(best, owners, errors)
         moves = starts.take(errors <= 1.5 * best[owners])
         for step in range(self.settings.closed_steps):
-            moves = moves.closed_step(self._coarse if step > 3 else self._scan, self.surface)
+            moves = moves.icp_step(self._coarse if step > 3 else self._scan, self.surface)
             if step % 2:
                 moves = moves.take(distinct(same_planes(moves.rows, moves.rows), np.zeros(len(moves))))
             if step == 3:
@@ -162,7 +162,7 @@ class Search:
                 chosen.append(axes.take(locally_best(directions, own) & (own <= 1.5 * errors.min(0))))
         moves = joined(*chosen)
         for step in range(self.settings.closed_steps):
-            moves = moves.closed_step(self._coarse if step > 3 else self._scan, self.surface)
+            moves = moves.icp_step(self._coarse if step > 3 else self._scan, self.surface)
             if step % 2:
                 same = same_axes(moves, moves) & (np.abs(moves.angles - moves.angles.T) < 3.0 * SAME_ANGLE)
                 moves = moves.take(distinct(same, np.zeros(len(moves))))
@@ -234,7 +234,7 @@ class Search:
             folded = of_family(axis, crossing, np.array([other.error for other in self.axes]))
             self.axes = [other for other, gone in zip(self.axes, folded, strict=True) if not gone]
 
-    def _fitted(self, moves: Moves, same: Callable[[Moves], BoolArray]) -> Moves:
+    def _fitted(self, moves: Candidates, same: Callable[[Candidates], BoolArray]) -> Candidates:
         """Distinct candidates, fitted in stages: few samples and a generous limit first, to convergence last."""
         errors = self.surface.errors(moves.images(self._scan)) if len(moves) else np.zeros(0)
         for samples, steps, limit, most in (
@@ -292,7 +292,7 @@ class Search:
         return min(others) >= _CONTRAST * error
 
 
-def _turning(moves: Moves, errors: FloatArray) -> tuple[Moves, FloatArray]:
+def _turning(moves: Candidates, errors: FloatArray) -> tuple[Candidates, FloatArray]:
     """Candidates whose angle has not shrunk to nothing, which holds on any shape."""
     if isinstance(moves, Planes):
         return moves, errors

@@ -136,7 +136,7 @@ def relative_deviation(direction: FloatArray, point: FloatArray, samples: FloatA
     arms -= (arms @ direction)[..., None] * direction
     radii = np.linalg.norm(arms, axis=2)
     steepness = np.abs(np.einsum("kmi,kmi->km", ways, arms)) / np.maximum(radii, 1e-12)
-    telling = (radii > 0.1 * radii.max()) & (steepness > 0.1)
-    if not telling.any():
+    informative = (radii > 0.1 * radii.max()) & (steepness > 0.1)
+    if not informative.any():
         return 0.0
-    return float(np.percentile(np.abs(signed[telling]) / (radii[telling] * steepness[telling]), 98))
+    return float(np.percentile(np.abs(signed[informative]) / (radii[informative] * steepness[informative]), 98))

@@ -34,7 +34,7 @@ EARLY_STEPS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class Initialization:
     """Weights to begin with: a trained ``network``, and the ``record`` of it that the run keeps."""
 
     network: PRSNet
@@ -68,7 +68,7 @@ def fit(
     prepared: PreparedSet,
     run: str | Path,
     *,
-    start: Start | None = None,
+    start: Initialization | None = None,
     device: str | None = None,
     precision: Precision = "float32",
     log_every: int = 100,
@@ -124,7 +124,7 @@ class _Trainer:
         recipe: Recipe,
         prepared: PreparedSet,
         run: Path,
-        start: Start | None,
+        start: Initialization | None,
         world: World,
         precision: Precision,
         on_derive: Callable[[int, int], None] | None,
@@ -169,7 +169,7 @@ class _Trainer:
             f"{world.size} process(es), {world.device.type}, {precision}, torch {torch.__version__}"
         )
 
-    def _claim(self, prepared: PreparedSet, start: Start | None) -> None:
+    def _claim(self, prepared: PreparedSet, start: Initialization | None) -> None:
         """Make the folder that of this recipe and these data, or find that it is."""
         if not self.world.main:
             return

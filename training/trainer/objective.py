@@ -73,8 +73,10 @@ def batch_losses(
         distances = distances.masked_fill(store.occupied(transformed.detach(), closest), 0.0)
     distances = distances.unflatten(1, (recipe.loss.samples, heads))
     losses = combine(distances, planes, quaternions, recipe.loss.regularization, recipe.loss.best_head)
-    guided = planes.new_zeros(()) if labels is None else supervised(labels, shapes, planes, pose, recipe.supervision)
-    return Batch(losses, planes.detach(), quaternions.detach(), guided)
+    supervision_loss = (
+        planes.new_zeros(()) if labels is None else supervised(labels, shapes, planes, pose, recipe.supervision)
+    )
+    return Batch(losses, planes.detach(), quaternions.detach(), supervision_loss)
 
 
 @torch.no_grad()
@@ -84,11 +86,11 @@ def validate(
     """Losses on held-out shapes, always the same inputs; errors come from the training grid and are biased up."""
     network.eval()
     generator = torch.Generator(store.device).manual_seed(_VALIDATION_SEED)
-    total, guided, planes = 0.0, 0.0, []
+    total, supervision_loss, planes = 0.0, 0.0, []
     for chunk in shapes.split(64):
         batch = batch_losses(network, store, chunk, recipe, generator, labels)
         total += float(batch.losses.total) * len(chunk)
-        guided += float(batch.supervision) * len(chunk)
+        supervision_loss += float(batch.supervision) * len(chunk)
         planes.append(batch.losses.plane_errors)
     network.train()
     errors = torch.cat(planes)
@@ -99,4 +101,4 @@ def validate(
         "validation_plane": float(errors.mean()),
         "validation_share": float((best <= 4e-4).float().mean()),
     }
-    return measured if labels is None else {**measured, "validation_supervision": guided / len(shapes)}
+    return measured if labels is None else {**measured, "validation_supervision": supervision_loss / len(shapes)}

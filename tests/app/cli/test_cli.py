@@ -18,8 +18,7 @@ from app.cli.commands import app
 from app.http import server
 from app.settings import Settings
 from model.errors import CheckpointError, NoPlaneError
-
-from .fakes import DATA, FakeDetector
+from tests.app.fakes import DATA, FakeDetector
 
 runner = CliRunner()
 ONE = ["--jobs", "1"]  # other processes would not know the detector of these tests

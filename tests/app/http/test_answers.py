@@ -9,8 +9,7 @@ import pytest
 import trimesh
 
 from app.http.attachment import Attachment
-
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 

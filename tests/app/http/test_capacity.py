@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from app.workers.wire import Job
-
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 

@@ -20,9 +20,9 @@ from app.outputs.meshes import WRITERS
 from app.problems import ProblemError
 from app.settings import Settings
 from app.workers import wire
-from app.workers.factory import Card
 from app.workers.verify import UntrustedError, trusted, trusted_answer, trusted_error
 from app.workers.wire import Job
+from app.workers.zygote_client import Card
 from model.errors import DegenerateMeshError, EmptyMeshError
 from model.formats import read_mesh
 

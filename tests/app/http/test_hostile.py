@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 
 from app.workers import sandbox
+from tests.app.fakes import FakeDetector, Serving
 from tests.hostile import CLASSES
-
-from .fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 REFUSED = {400, 413, 415, 422}

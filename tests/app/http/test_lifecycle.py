@@ -7,8 +7,7 @@ import pytest
 
 from app.http.runtime import State
 from model.errors import CheckpointError
-
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 

@@ -10,8 +10,7 @@ import pytest
 from app.http import tracing
 from app.logs import JsonFormatter
 from app.settings import Settings
-
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 

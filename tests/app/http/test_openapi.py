@@ -10,8 +10,7 @@ from app import problems, schemas
 from app.http.main import create_app
 from app.http.openapi import dump
 from app.settings import Settings
-
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 ROOT = Path(__file__).parents[3]
 

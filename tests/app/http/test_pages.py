@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from setuptools import find_namespace_packages
 
-from .fakes import FakeDetector, Serving
+from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
 ROOT = Path(__file__).parents[3]

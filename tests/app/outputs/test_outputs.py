@@ -20,8 +20,7 @@ from model import Detector
 from model.errors import DegenerateMeshError
 from model.formats.conversion import as_mesh
 from model.meshes.mesh import Mesh
-
-from .fakes import DATA
+from tests.app.fakes import DATA
 
 FORMATS = list(WRITERS)
 

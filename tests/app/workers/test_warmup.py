@@ -7,8 +7,7 @@ import pytest
 
 from app.workers.warmup import sample_files
 from model.formats import read_mesh
-
-from .fakes import DATA
+from tests.app.fakes import DATA
 
 ROOT = DATA.parents[1]
 # Runs in a process of its own, because kernels stay loaded. Prints the kernels that had not been warmed up.

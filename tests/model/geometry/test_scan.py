@@ -77,7 +77,7 @@ def test_misfit_is_interpolated_between_cells():
     # A mirror half as far away moves the point by as much as is asked for.
     for steps, expected in ((0.0, 0.0), (0.25, 0.25), (1.0, 1.0), (1.5, 1.5), (2.0, 2.0), (5.0, 2.0), (400.0, 2.0)):
         mirror = Operations.reflections(np.array([[1.0, 0.0, 0.0, -(0.5 + steps / 2) / 16]]))
-        np.testing.assert_allclose(grid.misfit(mirror), expected**2, rtol=1e-6)
+        np.testing.assert_allclose(grid.interpolated_error(mirror), expected**2, rtol=1e-6)
 
 
 def test_misfit_is_least_at_the_true_plane():
@@ -87,6 +87,6 @@ def test_misfit_is_least_at_the_true_plane():
     side /= np.linalg.norm(side)
     tilts = np.radians([-4.0, -2.0, 0.0, 2.0, 4.0])
     tilted = np.cos(tilts)[:, None] * normal + np.sin(tilts)[:, None] * side
-    misfit = grid.misfit(Operations.reflections(np.column_stack([tilted, np.zeros(5)])))
-    assert misfit.argmin() == 2
-    assert (np.diff(misfit) * np.array([-1, -1, 1, 1]) > 0).all()
+    interpolated_error = grid.interpolated_error(Operations.reflections(np.column_stack([tilted, np.zeros(5)])))
+    assert interpolated_error.argmin() == 2
+    assert (np.diff(interpolated_error) * np.array([-1, -1, 1, 1]) > 0).all()

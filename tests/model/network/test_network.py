@@ -11,7 +11,7 @@ from model.formats import read_mesh
 from model.geometry.frames import UnitFrame, inertia_frame
 from model.geometry.voxels import voxelize
 from model.network.checkpoint import load_checkpoint
-from model.network.inference import CompiledNetwork, fast_dtype
+from model.network.inference import CpuNetwork, fast_dtype
 from model.network.network import Architecture, PRSNet, axis_angle
 from model.network.sparse_block import convolve_and_pool
 from tests.shapes import box
@@ -123,7 +123,7 @@ def test_the_compiled_network_gives_the_same_planes(batch_norm: bool, resolution
         frames = [occupied.flip([axis for axis in range(3) if flip[axis]]) for flip in flips]
         with torch.inference_mode():
             planes, quaternions = network(torch.stack(frames)[:, None].float())
-        ours = CompiledNetwork(network, torch.float32)((occupied.numpy(), flips))
+        ours = CpuNetwork(network, torch.float32)((occupied.numpy(), flips))
         torch.testing.assert_close(ours[0], planes, atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(ours[1], quaternions, atol=1e-5, rtol=1e-4)
 
@@ -137,8 +137,8 @@ def test_bfloat16_moves_planes_by_fractions_of_a_degree():
         mesh = read_mesh(path.read_bytes(), path.name)
         vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
         grid = voxelize(np.ascontiguousarray(vertices @ inertia_frame(vertices, mesh.faces)[0].T), mesh.faces)
-        exact = CompiledNetwork(checkpoint.network, torch.float32)((grid, flips))[0]
-        fast = CompiledNetwork(checkpoint.network)((grid, flips))[0]
+        exact = CpuNetwork(checkpoint.network, torch.float32)((grid, flips))[0]
+        fast = CpuNetwork(checkpoint.network)((grid, flips))[0]
         angles.append(torch.linalg.cross(exact[..., :3], fast[..., :3]).norm(dim=-1))
         offsets.append((exact[..., 3] - fast[..., 3]).abs())
     assert torch.cat(angles).median() < np.radians(0.1)
@@ -149,7 +149,7 @@ def test_bfloat16_moves_planes_by_fractions_of_a_degree():
 def test_a_mirrored_frame_of_a_symmetric_shape_gets_the_same_answer_to_the_last_bit():
     """Where the shape does not change the answer does not: the mean over sign frames is exact."""
     torch.manual_seed(2)
-    compiled = CompiledNetwork(PRSNet(Architecture(resolution=16, batch_norm=True, channels=(6, 8, 10, 12))).eval())
+    compiled = CpuNetwork(PRSNet(Architecture(resolution=16, batch_norm=True, channels=(6, 8, 10, 12))).eval())
     flips = np.array(list(product((False, True), repeat=3)))
     half = (torch.rand([16] * 3) < 0.1).numpy()
     for axis in range(3):
@@ -163,7 +163,7 @@ def test_a_mirrored_frame_of_a_symmetric_shape_gets_the_same_answer_to_the_last_
 def test_views_of_one_batch_do_not_touch_each_other():
     torch.manual_seed(1)
     network = PRSNet(Architecture(resolution=8, batch_norm=True, channels=(4, 6, 8))).eval()
-    compiled = CompiledNetwork(network, torch.float32)
+    compiled = CpuNetwork(network, torch.float32)
     flips = np.array(list(product((False, True), repeat=3)))
     grids = [(torch.rand([8] * 3) < filling).numpy() for filling in (0.1, 0.4)]
     views = [(grids[0], flips), (grids[1], flips[:1]), (grids[0], flips[2:4])]

@@ -11,7 +11,7 @@ from model.geometry.transforms import reflect, rotation_matrix
 from model.geometry.voxels import voxelize
 from model.network.checkpoint import Checkpoint, InputSpec, load_checkpoint
 from model.network.proposals import Proposals, predict
-from model.network.views import VIEWS, choose, other_views
+from model.network.views import VIEWS, other_views, select_proposals
 from model.types import FloatArray, IntArray
 from tests.shapes import known
 
@@ -50,7 +50,7 @@ def test_what_fits_the_voxels_is_chosen_from_any_view():
     voxels = voxelize(box() @ TURN.T, FACES)
     wrong = rotation_matrix(np.array([1.0, 0.0, 0.0]), np.pi / 4)
     for said in ([says(wrong), says(np.eye(3))], [says(np.eye(3)), says(wrong)]):
-        chosen = choose(said, voxels, TURN, 3, 3)
+        chosen = select_proposals(said, voxels, TURN, 3, 3)
         for found in (chosen.planes[:, :3], chosen.directions):
             np.testing.assert_allclose(np.abs(found @ np.eye(3)).max(1), 1.0, atol=1e-9)
             assert len(np.unique(np.abs(found).argmax(1))) == 3
@@ -62,14 +62,14 @@ def test_the_voxels_tell_planes_apart_that_differ_by_a_degree_or_two(degrees: fl
     voxels = voxelize(box() @ TURN.T, FACES)
     axis = np.array([0.48, 0.6, 0.64])
     near = [says(rotation_matrix(axis, sign * np.radians(degrees))) for sign in (1.0, -1.0)]
-    chosen = choose([near[0], says(np.eye(3)), near[1]], voxels, TURN, 3, 3)
+    chosen = select_proposals([near[0], says(np.eye(3)), near[1]], voxels, TURN, 3, 3)
     np.testing.assert_array_equal(np.sort(chosen.planes, axis=0), np.sort(planes(np.eye(3)), axis=0))
 
 
 def test_one_plane_is_not_listed_twice():
     voxels = voxelize(box() @ TURN.T, FACES)
     twice = Proposals(planes(np.eye(3))[[0, 0, 1]], np.eye(3)[[0, 0, 1]], np.full(3, np.pi))
-    chosen = choose([twice, twice], voxels, TURN, 3, 3)
+    chosen = select_proposals([twice, twice], voxels, TURN, 3, 3)
     for found in (chosen.planes[:, :3], chosen.directions):
         cosines = np.abs(found @ found.T) - np.eye(len(found))
         assert cosines.max() < np.cos(np.radians(30.0))
@@ -80,7 +80,7 @@ def test_the_planes_of_the_frame_are_kept_where_the_network_is_wrong():
     """Off by three degrees, as a network may be that was trained on damaged shapes: the whole box says so."""
     off = rotation_matrix(np.array([0.48, 0.6, 0.64]), 0.05)
     principal = np.eye(3)[[2, 0, 1]]
-    chosen = choose([says(off @ principal)] * VIEWS, voxelize(box() @ principal.T, FACES), principal, 3, 3)
+    chosen = select_proposals([says(off @ principal)] * VIEWS, voxelize(box() @ principal.T, FACES), principal, 3, 3)
     for found in (chosen.planes[:, :3], chosen.directions):
         np.testing.assert_allclose(np.sort(np.abs(found).max(1)), 1.0, atol=1e-12)
     np.testing.assert_allclose(chosen.planes[:, 3], 0.0, atol=1e-12)
@@ -98,7 +98,7 @@ def test_the_axis_of_revolution_is_not_displaced_by_those_across_it():
     said = np.vstack([directions, tilted / np.linalg.norm(tilted)])
     turn = rotation_matrix(np.array([0.0, 0.6, 0.8]), 0.7)
     voxels = voxelize(np.ascontiguousarray(vertices @ turn.T), shape.faces)
-    chosen = choose([Proposals(np.zeros((0, 4)), said, np.full(len(said), np.pi))], voxels, turn, 0, 3)
+    chosen = select_proposals([Proposals(np.zeros((0, 4)), said, np.full(len(said), np.pi))], voxels, turn, 0, 3)
     assert len(chosen.planes) == 0
     assert np.abs(chosen.directions @ axis).max() > 0.99
 
@@ -106,7 +106,7 @@ def test_the_axis_of_revolution_is_not_displaced_by_those_across_it():
 def test_no_more_is_chosen_than_there_are_heads():
     voxels = voxelize(box() @ TURN.T, FACES)
     mute = [Proposals(planes(turn), np.zeros((0, 3)), np.zeros(0)) for turn in (np.eye(3), TURN)]
-    chosen = choose(mute, voxels, TURN, 2, 0)
+    chosen = select_proposals(mute, voxels, TURN, 2, 0)
     assert len(chosen.planes) == 2
     assert chosen.directions.shape == (0, 3)
     assert len(chosen.angles) == 0

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from model.formats.conversion import as_mesh as read
 from model.geometry.frames import UnitFrame
 from model.geometry.surface import SurfaceIndex
 from model.geometry.voxels import voxelize
-from model.meshes.mesh import as_mesh as read
 from tests.shapes import box
 from tests.training.conftest import SMALL, write_obj
 from training.data import prepare as module

@@ -18,7 +18,7 @@ from training.data.prepared import PreparedSet
 from training.data.store import ShapeStore
 from training.recipe import OptimizerRecipe, Recipe
 from training.trainer.export import export_run
-from training.trainer.fit import Start, fit, learning_rate
+from training.trainer.fit import Initialization, fit, learning_rate
 from training.trainer.objective import validate
 
 FACTOR = 2.0
@@ -156,7 +156,9 @@ def test_a_run_begins_with_given_weights(prepared: PreparedSet, tmp_path: Path):
     first = fit(TINY, prepared, tmp_path / "first", device="cpu").parent
     export_run(first, tmp_path / "first.safetensors", which="last")
     first_weights = load_checkpoint(tmp_path / "first.safetensors")
-    start = Start(first_weights.network, {"name": "first", "version": "1", "sha256": first_weights.metadata["sha256"]})
+    start = Initialization(
+        first_weights.network, {"name": "first", "version": "1", "sha256": first_weights.metadata["sha256"]}
+    )
     still = TINY.replace(optimizer={"steps": 1, "learning_rate": 0.0})
     second = fit(still, prepared, tmp_path / "second", start=start, device="cpu").parent
     for name, tensor in weights(first / "last.pt").items():
@@ -171,7 +173,7 @@ def test_a_run_begins_with_given_weights(prepared: PreparedSet, tmp_path: Path):
 def test_another_start_or_architecture_is_refused(prepared: PreparedSet, tmp_path: Path):
     run = fit(TINY, prepared, tmp_path / "run", device="cpu").parent
     export_run(run, tmp_path / "weights.safetensors")
-    start = Start(load_checkpoint(tmp_path / "weights.safetensors").network, {"name": "weights"})
+    start = Initialization(load_checkpoint(tmp_path / "weights.safetensors").network, {"name": "weights"})
     with pytest.raises(ValueError, match="from another start"):
         fit(TINY, prepared, run, start=start, device="cpu")
     with pytest.raises(ValueError, match="another architecture"):

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from app.workers import wire
-from app.workers.wire import Walls
+from app.workers.wire import SandboxLimits
 
 # Set before torch and numpy are imported: a process with threads of theirs cannot be forked.
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -39,21 +39,21 @@ class Card:
     threads: int
 
 
-Launch: TypeAlias = Callable[[Walls], tuple[socket.socket, Callable[[], None]]]
+Launch: TypeAlias = Callable[[SandboxLimits], tuple[socket.socket, Callable[[], None]]]
 """Starts a zygote: the server's end of its socket, and what ends and reaps it."""
 
 
 def launcher(weights: str) -> Launch:
     """Starts zygotes that serve ``weights``, each in a new interpreter."""
 
-    def launch(walls: Walls) -> tuple[socket.socket, Callable[[], None]]:
+    def launch(limits: SandboxLimits) -> tuple[socket.socket, Callable[[], None]]:
         ours, theirs = socket.socketpair()
         root = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
         command = [sys.executable, *(f"-W{option}" for option in sys.warnoptions), "-m", "app.workers.zygote"]
         with theirs:
             process = subprocess.Popen(
-                [*command, str(theirs.fileno()), json.dumps(asdict(walls)), weights],
+                [*command, str(theirs.fileno()), json.dumps(asdict(limits)), weights],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env=os.environ | _ONE_THREAD | {"PYTHONPATH": path},
@@ -111,12 +111,12 @@ class Worker:
             self._handle = None
 
 
-class Factory:
+class ZygoteClient:
     """One zygote. ``on_worker_end`` and ``on_end`` are called from the event loop."""
 
-    def __init__(self, launch: Launch, walls: Walls) -> None:
+    def __init__(self, launch: Launch, limits: SandboxLimits) -> None:
         self._launch = launch
-        self._walls = walls
+        self._limits = limits
         self._workers: dict[int, Worker] = {}
         self._asked: deque[tuple[socket.socket, asyncio.Future[Worker]]] = deque()
         self._listener: asyncio.Task[None] | None = None
@@ -136,7 +136,7 @@ class Factory:
         Raises:
             StartError: it did not.
         """
-        self._control, self._end = self._launch(self._walls)
+        self._control, self._end = self._launch(self._limits)
         self._control.setblocking(False)
         try:
             kind, payload = await wire.receive(self._control, _LARGEST_CARD)
@@ -149,7 +149,7 @@ class Factory:
         return Card(**json.loads(payload))
 
     async def spawn(self) -> Worker:
-        """A new worker, warmed up and inside its walls.
+        """A new worker, warmed up and inside its limits.
 
         Raises:
             OSError, EOFError, TimeoutError, wire.WireError: it did not come.
