@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app.cli.batch import Outcome, Task
-from app.schemas import Include, Mode
+from app.schemas import Include, LevelName, Mode
 
 if TYPE_CHECKING:
     from app.detection import SymmetryDetector
@@ -91,7 +91,13 @@ def detect(
     up: Annotated[str | None, typer.Option(help="Which axis points up in pictures: y or z.")] = None,
     mode: Annotated[Mode, typer.Option(help="full: refined; paper: the network's own output.")] = "full",
     max_error: MaxError = 4e-4,
-    rejected: Annotated[bool, typer.Option("--rejected", help="In JSON, also what was turned down and why.")] = False,
+    level: Annotated[
+        LevelName, typer.Option(help="auto: with the most room above it; exact: up to the file.")
+    ] = "auto",
+    tolerance: Annotated[
+        float | None, typer.Option(help="Instead: the largest group within this RMS deviation, in the file's unit.")
+    ] = None,
+    rejected: Annotated[bool, typer.Option("--rejected", help="In JSON, also rejected candidates and why.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=0, help="Files at a time (0: one a core).")] = 0,
     weights: Weights = "default",
     url: Url = None,
@@ -106,6 +112,8 @@ def detect(
     from app.settings import available_cores
 
     _require_max_error(max_error)
+    if tolerance is not None and not 0 < tolerance <= 1e60:
+        raise typer.BadParameter("must be more than 0", param_hint="--tolerance")
     if as_json + as_lines + as_csv + as_bop > 1:
         raise typer.BadParameter("at most one of --json, --jsonl, --csv and --bop")
     if up not in (None, "y", "z"):
@@ -116,8 +124,18 @@ def detect(
     if glb or png:
         output.mkdir(parents=True, exist_ok=True)
     task = Task(
-        mode, max_error, tuple(include), output if glb else None, output if png else None, up, weights, url, api_key
-    )  # fmt: skip
+        mode=mode,
+        max_error=max_error,
+        include=tuple(include),
+        level=level,
+        tolerance=tolerance,
+        glb_folder=output if glb else None,
+        png_folder=output if png else None,
+        up=up,
+        weights=weights,
+        url=url,
+        api_key=api_key,
+    )
     paths, failed = batch.expand(files)
     if url is None:
         _load(weights)  # what is wrong with the weights is wrong for all files

@@ -31,7 +31,15 @@ async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()
     include = [*query.include, "bop"] if choice.format == "bop" else list(query.include)
     geometry = "glb" if choice.format == "glb" else None
     result = await answer(
-        request, runtime, task="detect", mode=query.mode, max_error=query.max_error, include=include, geometry=geometry
+        request,
+        runtime,
+        task="detect",
+        mode=query.mode,
+        max_error=query.max_error,
+        include=include,
+        geometry=geometry,
+        level=query.level,
+        tolerance=query.tolerance,
     )
     return answers.detected(runtime, result, query, choice)
 
