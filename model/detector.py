@@ -96,11 +96,11 @@ class Detector:
 
         Args:
             mesh: a `Mesh`, a trimesh object, ``(vertices, faces)``, or the path of a file.
-            mode: ``full`` finds every symmetry, refined on the exact distance, as groups that hold as a whole; ``paper`` is
-                the network's output and the paper's validation (section 5).
+            mode: ``full`` finds every symmetry, refined on the exact distance, as groups that hold as a whole;
+                ``paper`` is the network's output and the paper's validation (section 5).
             max_error: largest accepted symmetry error (SDE, unit frame).
-            level: which of the groups that hold is answered with. ``auto``: the one with the most room above it, before
-                a larger one holds; ``exact``: the largest that holds everywhere, up to what the file promises.
+            level: which of the groups that hold is answered with. ``auto``: the one with the most room above it,
+                before a larger one holds; ``exact``: the largest that holds everywhere, up to what the file promises.
             tolerance: instead of a ``level`` an RMS deviation in the mesh's own unit: the largest group within it.
             sources: where full mode takes its candidates from, for ablations.
 
@@ -169,7 +169,7 @@ class Detector:
             context,
             found,
             SurfaceSamples.drawn(vertices, faces, DEFAULT.report_samples, seed=0),
-            ExactnessTest(surface, vertices, faces, resolution),
+            ExactnessTest(surface, meter.facets, resolution),
             choice,
         )
         timings["validate"] = _since(mark)

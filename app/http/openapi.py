@@ -47,6 +47,8 @@ _EXAMPLE_PLANE = {
     "matrix": [[-1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
     "symmetry_error": 1.2e-17,
     "rms_distance": 4.5e-9,
+    "max_distance": 1.3e-8,
+    "coverage": 1.0,
     "exact": True,
     "continuous": False,
 }
@@ -66,6 +68,20 @@ _EXAMPLE_RESPONSE = {
     "model": {"name": "prs-net", "version": "1", "sha256": "0" * 64},
     "timings_ms": {"parse": 0.2, "voxelize": 0.3, "infer": 1.1, "refine": 0.0, "validate": 2.0, "total": 3.7},
     "warnings": [],
+    "levels": [
+        {
+            "point_group": "Cs",
+            "planes": 1,
+            "axes": 0,
+            "rms_distance": 0.0,
+            "next_rms_distance": None,
+            "missing": 0.0,
+            "exact": True,
+            "chosen": True,
+            "breaks": [],
+        }
+    ],
+    "similar": [],
 }
 _CSV = csv_rows.write([schemas.DetectResponse.model_validate(_EXAMPLE_RESPONSE)]).decode()
 _JSON = "application/json"

@@ -70,6 +70,14 @@ def triangle_areas(corners: FloatArray) -> FloatArray:
     return _areas(np.moveaxis(corners, 2, 0))
 
 
+def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Unit normals ``(f, 3)``; zero where a face has no area."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.sqrt(np.square(normals).sum(1, keepdims=True))
+    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
+
+
 def _areas(corners: FloatArray) -> FloatArray:
     """Areas of triangles ``(3 coordinates, f, 3 corners)``; faster than the cross product of numpy."""
     px, py, pz = corners[:, :, 1] - corners[:, :, 0]

@@ -95,7 +95,7 @@ def _chosen(
 
 
 def _judge(context: SearchContext, level: Hypothesis, samples: SurfaceSamples, test: ExactnessTest) -> _Judged:
-    level = level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context, test))
+    level = level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context))
     members = level.elements
     if not len(members):
         members = level.generators  # an inversion has no element that could be listed
@@ -106,13 +106,13 @@ def _judge(context: SearchContext, level: Hypothesis, samples: SurfaceSamples, t
     return _Judged(level, np.square(deviations.rms), coverage, largest, test.exact(level))
 
 
-def _telling_points(context: SearchContext, test: ExactnessTest) -> FloatArray:
+def _telling_points(context: SearchContext) -> FloatArray:
     """What the frame is settled on: samples of flat faces, if there are enough, else all.
 
     Facets of a curved surface are drawn anywhere along it; flat faces are where they are meant to be.
     """
     samples = context.samples
-    flat = samples.points[test.is_flat(samples.owners)]
+    flat = samples.points[context.meter.facets.is_flat(samples.owners)]
     return flat if len(flat) >= _ENOUGH_FLAT * len(samples) else context.points(1)
 
 

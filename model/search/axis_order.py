@@ -17,6 +17,11 @@ _SCREEN_STRIDE, _SCREEN_FACTOR = 8, 4.0
 _ALWAYS = 7
 """Orders up to this are tried whatever arbitrary angles give."""
 
+_FACET_SLACK = 1.5
+
+_SHARES = (0.5, 0.34, 0.42, 0.27, 0.22)
+"""Of a full turn: the angles at which an order is looked at."""
+
 _CONTRAST = 0.1
 """A rotation is a symmetry if its squared deviation is so much smaller than that of arbitrary angles. Larger ones must
 be smaller significantly (`explains_better`)."""
@@ -44,6 +49,7 @@ def rotation_order(
     *,
     limit: float,
     deviation: float | None = None,
+    past_facets: bool = False,
     settings: SearchSettings = DEFAULT,
 ) -> RotationalSymmetry:
     """Find the order of the axis through ``point`` ``(3,)`` along the unit ``direction`` ``(3,)``, unit frame.
@@ -58,6 +64,7 @@ def rotation_order(
         point: on the axis.
         limit: an order must hold within this RMS deviation.
         deviation: largest deviation from round, as a part of the radius; ``settings.round_deviation`` unless given.
+        past_facets: what facets allow is taken off all deviations: of a gear with a bore the order of the gear shows.
         settings: the thresholds.
     """
     arm = samples.points - point
@@ -66,12 +73,41 @@ def rotation_order(
     measured = meter.measure(_rotations(direction, point, ARBITRARY_ANGLES), samples)
     arbitrary_rms = float(measured.rms.max())
     there = np.where(measured.missing, 0.0, measured.squared)
-    if np.sqrt(there.max()) <= deviation * radius and measured.missing_share.max() < 0.5:
-        return RotationalSymmetry(None, arbitrary_rms)
-    truncated = np.minimum(measured.squared, settings.truncation**2)
-    reference = truncated[int(np.argsort(truncated.mean(1))[len(truncated) // 2])]
-    order = _order(meter, samples, direction, point, limit, reference, arbitrary_rms, radius, settings)
+    unsupported = float(measured.missing.all(0).mean())
+    if np.sqrt(there.max()) <= deviation * radius and unsupported <= settings.most_unsupported:
+        allowed = facet_tolerance(meter, samples, radius, deviation, settings)
+        if (there <= np.square(allowed)).all():
+            return RotationalSymmetry(None, arbitrary_rms)
+    allowed = np.zeros(len(samples))
+    if past_facets:
+        allowed = np.minimum(_FACET_SLACK * meter.facets.at(samples.owners), deviation * radius)
+    excess = _excess(measured.squared, allowed, settings.truncation)
+    reference = excess.mean(0)
+    if not reference.any():
+        return RotationalSymmetry(1, arbitrary_rms)
+    order = _order(meter, samples, direction, point, limit, reference, allowed, arbitrary_rms, radius, settings)
     return RotationalSymmetry(order, arbitrary_rms)
+
+
+def _excess(squared: FloatArray, allowed: FloatArray, truncation: float) -> FloatArray:
+    """Squared deviations ``(k, n)`` without what is allowed at each sample ``(n,)``, truncated."""
+    return np.square(np.minimum(np.maximum(np.sqrt(squared) - allowed, 0.0), truncation))
+
+
+def facet_tolerance(
+    meter: DeviationMeter,
+    samples: SurfaceSamples,
+    radius: float,
+    deviation: float,
+    settings: SearchSettings = DEFAULT,
+) -> FloatArray:
+    """How far samples ``(n,)`` of a round surface may stray from round, being on facets: ``(n,)``, unit frame.
+
+    Facets are as far from round as their edges are smooth, and no farther than a share ``deviation`` of the radius:
+    what is drawn with fewer segments is angular on purpose. Teeth, however small, are no facets.
+    """
+    sagittas = _FACET_SLACK * meter.facets.at(samples.owners)
+    return np.minimum(np.maximum(sagittas, settings.modelling_precision), deviation * radius)
 
 
 def explains_better(squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT) -> bool:
@@ -95,25 +131,27 @@ def _order(
     point: FloatArray,
     limit: float,
     reference: FloatArray,
+    allowed: FloatArray,
     arbitrary_rms: float,
     radius: float,
     settings: SearchSettings,
 ) -> int:
-    cut = settings.truncation**2
     few = samples.every(_SCREEN_STRIDE)
     coarse_bound = _SCREEN_FACTOR * min(limit * limit, float(reference.mean()))
 
     def promising(orders: list[int]) -> list[int]:
         angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
         screened = meter.measure(_rotations(direction, point, angles), few)
-        errors = np.minimum(np.where(screened.missing, 0.0, screened.squared), cut).mean(1)
+        there = np.where(screened.missing, 0.0, screened.squared)
+        errors = _excess(there, allowed[::_SCREEN_STRIDE], settings.truncation).mean(1)
         return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= coarse_bound]
 
     def holds(n: int) -> bool:
         deviations = meter.measure(_rotations(direction, point, 2.0 * np.pi * _multiples(n) / n), samples)
         if deviations.rms.max() > limit:
             return False
-        worst = np.minimum(deviations.squared, cut).mean(0)
+        excess = _excess(deviations.squared, allowed, settings.truncation)
+        worst = excess[int(np.argmax(excess.mean(1)))]
         return float(worst.mean()) <= _CONTRAST * float(reference.mean()) or explains_better(worst, reference, settings)
 
     order = 1
@@ -129,12 +167,12 @@ def _order(
 
 @lru_cache(maxsize=512)
 def _multiples(n: int) -> FloatArray:
-    """Multiples of the smallest rotation that generate all of them and are far from it and from each other.
+    """Multiples of the smallest rotation that generate all of them and are far from it.
 
     Rotations by a small angle prove nothing: bumps and noise are moved by less than their size.
     """
     prime = [k for k in range(1, n) if np.gcd(k, n) == 1]
-    return np.array(sorted({min(prime, key=lambda k: abs(k - share * n)) for share in (0.5, 0.34)}), dtype=np.float64)
+    return np.array(sorted({min(prime, key=lambda k: abs(k - share * n)) for share in _SHARES}), dtype=np.float64)
 
 
 def _rotations(direction: FloatArray, point: FloatArray, angles: FloatArray) -> Operations:

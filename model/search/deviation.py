@@ -10,11 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
+from model.geometry.frames import face_normals
 from model.geometry.operations import Operations
 from model.geometry.refinement import squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.meshes._topology import duplicate_vertex_map, open_edges
+from model.search.facets import Facets
 from model.types import BoolArray, FloatArray, IntArray
 
 _PROBE = 5e-4
@@ -101,6 +103,7 @@ class DeviationMeter:
     def __init__(self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, *, near: float) -> None:
         self.surface = surface
         self._vertices, self._faces = vertices, faces
+        self.facets = Facets(vertices, faces)
         self._open = open_edges(vertices, faces)
         self._closed = not self._open.any()
         self._near_squared = near * near
@@ -195,14 +198,6 @@ class DeviationMeter:
         near = self.surface.squared_distances(places.reshape(-1, 3)).reshape(-1, 7) < (_CLOSED * _PROBE) ** 2
         folded = (near[:, 3] & near[:, 4]) | (near[:, 5] & near[:, 6])
         return ~(near[:, :3].any(1) | folded)
-
-
-def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit normals ``(f, 3)``; zero where a face has no area."""
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.sqrt(np.square(normals).sum(1, keepdims=True))
-    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
 
 
 def _mean_normal(vertices: FloatArray, faces: IntArray) -> float:

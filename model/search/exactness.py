@@ -13,16 +13,13 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.geometry.surface import SurfaceIndex
-from model.meshes._topology import duplicate_vertex_map, edge_neighbours
-from model.search.deviation import face_normals
+from model.meshes._topology import duplicate_vertex_map
+from model.search.facets import Facets
 from model.search.hypothesis import Hypothesis
 from model.symmetries import Patch
 from model.types import BoolArray, FloatArray, IntArray
 
 _MOST_FEATURES = 24_000
-_SMOOTH = float(np.cos(np.deg2rad(50.0)))
-"""Faces that meet at a smaller angle stand for one curved surface; sharper edges are meant."""
-
 _SLACK = 1.25
 """Where facets are the only disagreement, the fit that balances them adds to it."""
 
@@ -43,79 +40,48 @@ class ExactnessTest:
 
     Args:
         surface: its index.
-        vertices: ``(v, 3)``, unit frame.
-        faces: ``(f, 3)``.
+        facets: its mesh, unit frame.
         resolution: of the coordinates, unit frame (`resolution_of`).
     """
 
-    def __init__(self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, resolution: float) -> None:
-        self._surface = surface
-        self._vertices, self._faces = vertices, faces
+    def __init__(self, surface: SurfaceIndex, facets: Facets, resolution: float) -> None:
+        self._surface, self._facets = surface, facets
+        self._vertices, self._faces = facets.vertices, facets.faces
         self._base = _RELATIVE + 2.0 * resolution
 
     @cached_property
-    def _features(self) -> tuple[FloatArray, IntArray]:
-        """Vertices, middles of edges and of faces ``(m, 3)``, each once, with a face that each lies on ``(m,)``."""
-        faces = self._faces
-        count = len(faces)
-        stride = max(1, -(-4 * count // _MOST_FEATURES))
-        chosen = np.arange(0, count, stride)
-        corners = self._vertices[faces[chosen]]
-        vertex, first = np.unique(faces[chosen].ravel(), return_index=True)
-        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
-        keys = np.sort(np.stack([faces[chosen], np.roll(faces[chosen], -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-        _, edge = np.unique(keys[:, 0].astype(np.int64) * len(self._vertices) + keys[:, 1], return_index=True)
-        points = np.concatenate([self._vertices[vertex], middles.reshape(-1, 3)[edge], corners.mean(1)])
-        return points, np.concatenate([chosen[first // 3], chosen[edge // 3], chosen]).astype(np.int32)
-
-    def is_flat(self, faces: IntArray) -> BoolArray:
-        """Which faces ``(m,)`` stand for nothing but themselves, being no facets of a curved surface."""
-        return np.asarray(self._sagittas[0][faces] == 0.0)
-
-    @cached_property
-    def _sagittas(self) -> tuple[FloatArray, FloatArray]:
-        """How far faces ``(f,)`` stray from the curved surface they stand for; the same at vertices ``(v,)``."""
-        vertices, faces = self._vertices, self._faces
-        neighbours = edge_neighbours(vertices, faces)
-        normals = face_normals(vertices, faces)
-        corners = vertices[faces]
-        edges = np.roll(corners, -1, axis=1) - corners
-        area = np.sqrt(np.square(np.cross(edges[:, 0], edges[:, 1])).sum(1))
-        length = np.sqrt(np.square(edges).sum(2))
-        width = np.divide(area[:, None], length, out=np.zeros_like(length), where=length > 0.0)
-        cosine = np.einsum("fi,fki->fk", normals, normals[np.maximum(neighbours, 0)])
-        smooth = (neighbours >= 0) & (cosine > _SMOOTH) & (cosine < 1.0 - 1e-9)
-        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-        # A strip between two rulings is as wide as the triangles that share its diagonal.
-        of_face = np.where(smooth, 0.5 * width * np.tan(angle / 4.0), 0.0).max(1)
-        flat = (neighbours >= 0) & (cosine >= 1.0 - 1e-9)
-        across = np.where(flat, of_face[np.maximum(neighbours, 0)], 0.0).max(1)
-        of_face = np.maximum(of_face, across)
-        first = duplicate_vertex_map(vertices)
-        at_vertex = np.zeros(len(vertices))
-        for k in range(3):
-            np.maximum.at(at_vertex, first[faces[:, k]], of_face)
-        return of_face, at_vertex[first]
+    def _features(self) -> tuple[FloatArray, FloatArray]:
+        """Vertices, middles of edges and of faces ``(m, 3)``, each once, and the sagitta at each ``(m,)``."""
+        vertices = self._vertices
+        of_face, at_vertex = self._facets.sagittas
+        stride = max(1, -(-4 * len(self._faces) // _MOST_FEATURES))
+        chosen = duplicate_vertex_map(vertices)[self._faces[::stride]]
+        corner = np.unique(chosen)
+        edges = np.unique(
+            np.sort(np.stack([chosen, np.roll(chosen, -1, axis=1)], axis=2).reshape(-1, 2), axis=1), axis=0
+        )
+        points = np.concatenate([vertices[corner], vertices[edges].mean(1), vertices[chosen].mean(1)])
+        return points, np.concatenate([at_vertex[corner], at_vertex[edges].min(1), of_face[::stride]])
 
     def exact(self, hypothesis: Hypothesis) -> "Verdict":
         """Test a group: by its generators, and by each of its elements where a generator does not hold."""
-        points, owners = self._features
+        points, sagittas = self._features
         operations = hypothesis.measured_operations if not len(hypothesis.matrices) else hypothesis.generators
         broken = np.zeros(len(points), dtype=np.bool_)
         largest = 0.0
         for k in range(len(operations)):
             images = operations[[k]].apply(points)[0]
-            deviation, allowed = self._deviations(owners, images)
+            deviation, allowed = self._deviations(sagittas, images)
             bad = deviation > allowed
             largest = max(largest, float(np.where(bad, 0.0, deviation).max()))
             broken |= bad
-        return Verdict(self, hypothesis, points[broken], owners[broken], largest)
+        return Verdict(self, hypothesis, points[broken], sagittas[broken], largest)
 
-    def _deviations(self, owners: IntArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Deviations of images ``(m, 3)`` of points of faces ``(m,)``, and what each may be: ``(m,)`` both."""
-        of_face, at_vertex = self._sagittas
+    def _deviations(self, sagittas: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Deviations of images ``(m, 3)`` of points with sagittas ``(m,)``, and what each may be: ``(m,)`` both."""
+        of_face, at_vertex = self._facets.sagittas
         closest, squared, hit = self._surface.closest(images)
-        allowed = self._base + _SLACK * np.maximum(of_face[owners], of_face[hit])
+        allowed = self._base + _SLACK * np.maximum(sagittas, of_face[hit])
         # A flat face beside a rounded rim is cut along chords: there the rim's sagitta counts.
         corners = self._vertices[self._faces[hit]]
         at_corner = at_vertex[self._faces[hit]]
@@ -132,17 +98,17 @@ class ExactnessTest:
         return np.sqrt(squared), allowed
 
     def breaking(
-        self, points: FloatArray, owners: IntArray, operation: Operations
+        self, points: FloatArray, sagittas: FloatArray, operation: Operations
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Images of points ``(m, 3)`` of faces ``(m,)``, their deviations, and which of these are too large."""
+        """Images of points ``(m, 3)`` with sagittas ``(m,)``, their deviations, and which of these are too large."""
         images = operation.apply(points)[0]
-        deviation, allowed = self._deviations(owners, images)
+        deviation, allowed = self._deviations(sagittas, images)
         return images, deviation, deviation > allowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """What testing a group found: the points ``(m, 3)`` of faces ``(m,)`` at which a generator does not hold.
+    """What testing a group found: the points ``(m, 3)``, with ``sagittas`` ``(m,)``, where a generator does not hold.
 
     ``largest``: the largest deviation of all other points.
     """
@@ -150,7 +116,7 @@ class Verdict:
     test: ExactnessTest
     hypothesis: Hypothesis
     points: FloatArray
-    owners: IntArray
+    sagittas: FloatArray
     largest: float
 
     @property
@@ -162,15 +128,15 @@ class Verdict:
         """The largest deviation of each operation of the group, and which ones are exact: ``(k,)`` both."""
         largest, fits = np.full(len(operations), self.largest), np.ones(len(operations), dtype=np.bool_)
         if not self.exact:
-            points, owners = self._thinned(_MOST_CHECKED)
+            points, sagittas = self._thinned(_MOST_CHECKED)
             for k in range(len(operations)):
-                _, deviation, bad = self.test.breaking(points, owners, operations[[k]])
+                _, deviation, bad = self.test.breaking(points, sagittas, operations[[k]])
                 largest[k], fits[k] = max(self.largest, float(deviation.max())), not bad.any()
         return largest, fits
 
-    def _thinned(self, most: int) -> tuple[FloatArray, IntArray]:
+    def _thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
         stride = -(-len(self.points) // most)
-        return self.points[::stride], self.owners[::stride]
+        return self.points[::stride], self.sagittas[::stride]
 
     def patches(self) -> list[Patch]:
         """What breaks the group: the fewest places that account for all deviations, the largest first.
@@ -182,8 +148,8 @@ class Verdict:
             return []
         elements = self.hypothesis.measured_operations
         elements = elements[:: -(-len(elements) // _MOST_ELEMENTS)]
-        points, owners = self._thinned(_MOST_CHECKED)
-        parts = [self.test.breaking(points, owners, elements[[k]]) for k in range(len(elements))]
+        points, sagittas = self._thinned(_MOST_CHECKED)
+        parts = [self.test.breaking(points, sagittas, elements[[k]]) for k in range(len(elements))]
         sources = np.concatenate([points[bad] for _, _, bad in parts])
         if not len(sources):
             return []

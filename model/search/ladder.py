@@ -15,7 +15,7 @@ from model.search import closure
 from model.search.axis_order import rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
-from model.search.point_groups import axial_name, frame_of, identify, point_group
+from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
 from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
@@ -71,14 +71,17 @@ class Ladder:
                 self._note()
 
     def extend_roughly(self) -> None:
-        """Where nothing is exact, look for what no candidate shows: the more so where there is no symmetry at all."""
+        """Look for what no candidate shows, as roughly as what there is allows.
+
+        Where nothing is exact that is much. A group that is exact may still be a part of one about the same axis that
+        facets elsewhere, of a bore, say, keep from being exact.
+        """
         settings, limit = self._context.settings, self._context.limit
+        rough = min(settings.growth * max(self._group.rms, settings.feature_precision / settings.growth), limit)
         if self._group.name == "C1":
             self._extend(limit)
-        elif self._group.rms > settings.file_precision:
-            self._extend(
-                min(settings.growth * max(self._group.rms, settings.feature_precision / settings.growth), limit)
-            )
+        elif self._group.rms > settings.file_precision or self._raise_order(rough, nearly_round=True):
+            self._extend(rough)
         self._note()
 
     def _note(self) -> None:
@@ -125,7 +128,7 @@ class Ladder:
         while self._raise_order(tolerance) or any(self._try(h, tolerance) for h in self._suggested(tolerance)):
             pass
 
-    def _raise_order(self, tolerance: float) -> bool:
+    def _raise_order(self, tolerance: float, *, nearly_round: bool = False) -> bool:
         """Look for a higher order about each axis known or suspected; True if there was one."""
         group = self._group
         if group.name[0] in "TOI":
@@ -138,15 +141,22 @@ class Ladder:
             if any(np.abs(images @ other).max() > _PARALLEL for other in tried):
                 continue
             tried.append(line)
-            if self._raise_order_about(line, tolerance):
+            if nearly_round and not self._is_nearly_round(line):
+                continue
+            if self._raise_order_about(line, tolerance, past_facets=nearly_round):
                 return True
         return False
 
-    def _raise_order_about(self, line: FloatArray, tolerance: float) -> bool:
+    def _is_nearly_round(self, line: FloatArray) -> bool:
+        count = len(ARBITRARY_ANGLES)
+        rotations = Operations.rotations(np.tile(line, (count, 1)), self._group.centre, ARBITRARY_ANGLES)
+        return bool(self._context.scores(rotations).max() <= self._context.settings.promising_exact)
+
+    def _raise_order_about(self, line: FloatArray, tolerance: float, *, past_facets: bool = False) -> bool:
         context, group = self._context, self._group
         parallel = np.abs(group.directions @ line) > _PARALLEL
         order = int(np.array(group.group.orders)[parallel].max()) if parallel.any() else 1
-        key = ("order", order, *np.round(np.abs(line), 2).tolist())
+        key = ("order", order, past_facets, *np.round(np.abs(line), 2).tolist())
         if self._failed.get(key, -1.0) >= tolerance:
             return False
         self._failed[key] = tolerance
@@ -168,7 +178,15 @@ class Ladder:
             if attempt == 1:
                 axis = refine(context.surface, context.points(3), starts[[best]], 8, scale=0.05)
                 direction, point = axis.directions[0], axis.points[0]
-            found = rotation_order(context.meter, samples, direction, point, limit=limit, settings=context.settings)
+            found = rotation_order(
+                context.meter,
+                samples,
+                direction,
+                point,
+                limit=limit,
+                past_facets=past_facets,
+                settings=context.settings,
+            )
             if found.arbitrary_rms <= context.limit:
                 self.round_lines.append((direction, point, found.arbitrary_rms))
             if found.order is None or found.order % order or found.order in tried:
@@ -323,7 +341,8 @@ def _diagonal_frames(diagonal: FloatArray, side: FloatArray) -> Iterator[FloatAr
     for sign in (1.0, -1.0):
         along, third = diagonal / np.sqrt(3.0), sign * across / np.sqrt(6.0)
         first, second = along + side / np.sqrt(2.0) + third, along - side / np.sqrt(2.0) + third
-        yield np.stack([first, second, np.cross(first, second)])
+        third_edge: FloatArray = np.cross(first, second)
+        yield np.stack([first, second, third_edge])
 
 
 def _five_fold_frame(five: FloatArray, half: FloatArray) -> FloatArray:

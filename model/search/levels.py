@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.axis_order import explains_better
+from model.search.axis_order import explains_better, facet_tolerance
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
 from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, frame_of, point_group
@@ -102,11 +102,12 @@ def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypoth
         arbitrary = Operations.joined([arbitrary, continuous.generators])
     arm = samples.points - finite.centre
     radius = float(np.sqrt(np.square(arm - np.outer(arm @ axis, axis)).sum(1).max()))
-    facets = (settings.sphere_deviation if continuous.name == "Kh" else settings.round_deviation) * radius
+    deviation = settings.sphere_deviation if continuous.name == "Kh" else settings.round_deviation
+    facets = facet_tolerance(context.meter, samples, radius, deviation, settings)
     cut = settings.truncation**2
     squared = np.minimum(context.meter.measure(own, samples).squared, cut).mean(0)
     others = np.minimum(context.meter.measure(arbitrary, samples).squared, cut)
-    others = np.where(others <= facets * facets, np.minimum(others, squared), others).mean(0)
+    others = np.where(others <= np.square(facets), np.minimum(others, squared), others).mean(0)
     return explains_better(squared, others, settings)
 
 
@@ -117,6 +118,8 @@ def with_round(
     levels = list(continuous)
     while levels:
         turning = [rung for rung in rungs if _turns_about(rung, levels[-1])]
+        if not turning and len(levels) < len(continuous):
+            break  # it is no sphere, and the lines it is nearly round about are no axes of what it is
         if not turning or not against_round(context, turning[-1], levels[-1]):
             return [*(rung for rung in rungs if rung not in turning), *levels]
         levels = levels[:-1] if levels[-1].name == "Kh" else []

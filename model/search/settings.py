@@ -29,6 +29,7 @@ class SearchSettings:
             regular 24-gon (0.86 %), whose order is told, and the 32 segments (0.48 %) with which most programs draw a
             cylinder.
         sphere_deviation: the same about an axis across the rings of a sphere, where two curvatures add up.
+        most_unsupported: largest share of a round surface that no rotation finds a counterpart for.
         significance: one hypothesis explains the surface better than another if the mean difference of their squared
             deviations is so many standard errors from zero ...
         advantage: ... and its mean squared deviation so many times smaller.
@@ -56,7 +57,8 @@ class SearchSettings:
     least_coverage: float = 0.25
     most_contradicting: float = 0.35
     round_deviation: float = 0.0065
-    sphere_deviation: float = 0.013
+    sphere_deviation: float = 0.01
+    most_unsupported: float = 0.01
     significance: float = 3.5
     advantage: float = 1.12
     largest_order: int = 360

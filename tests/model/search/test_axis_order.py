@@ -1,24 +1,26 @@
 """The order of an axis: all of them up to 24 and beyond, round or not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from model.geometry.frames import UnitFrame
-from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
-from model.search.axis_order import Turns, allowed_turns
+from model.search.axis_order import RotationalSymmetry, rotation_order
+from model.search.deviation import DeviationMeter, SurfaceSamples
 from tests.shapes import known
 from training.shapes.catalogue import KnownShape
 
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def inspect(shape: KnownShape, direction: np.ndarray = Z, limit: float = 1e-6) -> Turns:
+def inspect(shape: KnownShape, direction: np.ndarray = Z, limit: float = 1e-3) -> RotationalSymmetry:
     frame = UnitFrame.of(shape.vertices, shape.faces)
     vertices = frame.to_unit(shape.vertices)
-    samples, _ = sample_surface(vertices, shape.faces, 120, seed=3)
-    surface = SurfaceIndex(vertices, shape.faces)
-    return allowed_turns(surface, samples, direction, np.zeros(3), limit=limit, max_error=4e-4)
+    samples = SurfaceSamples.drawn(vertices, shape.faces, 120, seed=3)
+    meter = DeviationMeter(SurfaceIndex(vertices, shape.faces), vertices, shape.faces, near=2e-3)
+    return rotation_order(meter, samples, direction, np.zeros(3), limit=limit)
 
 
 @pytest.mark.parametrize("n", range(3, 26))
@@ -34,9 +36,34 @@ def test_other_families(family: str, n: int):
 @pytest.mark.parametrize("family", ["cylinder", "cone", "torus", "vase", "spindle"])
 @pytest.mark.parametrize("segments", [32, 48, 96])
 def test_finely_tessellated_surfaces_of_revolution_are_round(family: str, segments: int):
-    turns = inspect(known(family, 1, segments=segments))
-    assert turns.order is None
-    assert turns.exact
+    assert inspect(known(family, 1, segments=segments)).order is None
+
+
+@pytest.mark.parametrize("n", [65, 72, 96, 127, 180, 251, 360])
+def test_high_orders_of_gears(n: int):
+    assert inspect(toothed(n)).order == n
+
+
+def toothed(n: int) -> KnownShape:
+    """A disc with n teeth as deep as they are wide."""
+    angles = np.pi * np.arange(2 * n) / n
+    radii = np.where(np.arange(2 * n) % 2, 1.0, 1.0 - np.pi / n)
+    rim = np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
+    count = 2 * n
+    vertices = np.concatenate(
+        [np.column_stack([rim, np.full(count, z)]) for z in (-0.1, 0.1)] + [[[0, 0, -0.1], [0, 0, 0.1]]]
+    )
+    here = np.arange(count)
+    there = np.roll(here, -1)
+    faces = np.concatenate(
+        [
+            np.column_stack([here, there, there + count]),
+            np.column_stack([here, there + count, here + count]),
+            np.column_stack([there, here, np.full(count, 2 * count)]),
+            np.column_stack([here + count, there + count, np.full(count, 2 * count + 1)]),
+        ]
+    )
+    return replace(known("prism", 0, n=3), vertices=vertices, faces=faces.astype(np.int32))
 
 
 def test_across_a_prism_only_half_turns_hold():
