@@ -161,7 +161,6 @@ class _Report:
         return self._place(self._frame.to_input(foot))
 
     def _place(self, point: FloatArray) -> FloatArray:
-        point = np.where(np.abs(point) < self._rounding * self._frame.scale, 0.0, point)
         return np.round(point, self._offset_decimals) + 0.0
 
     def _error(self, error: float) -> float:

@@ -341,8 +341,7 @@ def _diagonal_frames(diagonal: FloatArray, side: FloatArray) -> Iterator[FloatAr
     for sign in (1.0, -1.0):
         along, third = diagonal / np.sqrt(3.0), sign * across / np.sqrt(6.0)
         first, second = along + side / np.sqrt(2.0) + third, along - side / np.sqrt(2.0) + third
-        third_edge: FloatArray = np.cross(first, second)
-        yield np.stack([first, second, third_edge])
+        yield np.array([first, second, along - 2.0 * third])
 
 
 def _five_fold_frame(five: FloatArray, half: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ async def test_answer_has_the_members_of_the_contract(serving: Serving, detector
     assert response.headers["content-type"] == "application/json"
     answer = response.json()
     assert set(answer) == {
-        "planes", "axes", "point_group", "frame", "mesh", "model", "timings_ms", "warnings"
+        "planes", "axes", "point_group", "frame", "mesh", "model", "timings_ms", "warnings", "levels", "similar"
     }  # fmt: skip
     assert answer["mesh"]["filename"] == "chair.obj"
     assert answer["mesh"]["format"] == "obj"
