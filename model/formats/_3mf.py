@@ -49,6 +49,16 @@ def is_zip(data: bytes) -> bool:
     return data[:4] == b"PK\x03\x04"
 
 
+def is_3mf(data: bytes) -> bool:
+    """Whether a zip archive has a part of a 3D model, or cannot be looked into."""
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, ValueError, EOFError, NotImplementedError, OSError):
+        return True  # the reader says what is wrong with it
+    return any(name.lower().endswith(".model") for name in names)
+
+
 def read_3mf(data: bytes, limits: Limits) -> RawMesh:
     """All build items in world coordinates; support structures are left out."""
     try:

@@ -1,10 +1,15 @@
 """PLY: ASCII and binary of both byte orders, any element and property layout."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh, fan, no_faces, strip, to_float64
-from model.formats._ply_tables import BinaryTable, Element, Lists, Property, TextTable
+from model.formats._common import Limits, RawMesh, no_faces, strip, to_float64
+from model.formats._ply_tables import BinaryTable, Element, Lists, Property
+from model.formats._ply_text import LineTable, Table, WordTable
+from model.formats._polygons import triangulate
+from model.formats._text import as_bytes, parse_numbers, unix_lines
 from model.types import AnyArray, IntArray
 
 _TYPES = {
@@ -18,15 +23,31 @@ _MOST_PROPERTIES = 1000
 
 
 def read_ply(data: bytes, limits: Limits) -> RawMesh:
-    """Faces from the element ``face`` (polygons become fans) and from ``tristrips``."""
+    """Faces from the element ``face``, which may be any polygons, and from ``tristrips``."""
     order, elements, start = _read_header(data)
     for element in elements:
         if element.name == "vertex":
             limits.check(vertices=element.rows)
         elif element.name == "face":
             limits.check(faces=element.rows)
-    table = BinaryTable(data, start, order) if order else TextTable(data, start)
+    if order:
+        return _read_elements(elements, BinaryTable(data, start, order), limits)
+    numbers, lines = parse_numbers(as_bytes(unix_lines(data[start:])))
+    # Every row has a line of its own; writers that break lines elsewhere are rare, and more words than announced less so.
+    table = LineTable(numbers, lines)
+    try:
+        raw = _read_elements(elements, table, limits)
+    except UnreadableMeshError:
+        return _read_elements(elements, WordTable(numbers), limits)
+    if table.longer:
+        warning = f"{table.longer} lines hold more numbers than the PLY header announces; those behind were not read."
+        raw = replace(raw, warnings=(*raw.warnings, warning))
+    return raw
+
+
+def _read_elements(elements: list[Element], table: Table, limits: Limits) -> RawMesh:
     vertices: AnyArray = np.empty((0, 3))
+    polygons: list[Lists] = []
     faces: list[IntArray] = []
     for element in elements:
         wanted = element.find("vertex_indices", "vertex_index")
@@ -36,13 +57,17 @@ def read_ply(data: bytes, limits: Limits) -> RawMesh:
                 raise UnreadableMeshError("The PLY file has vertices without x, y or z.")
             vertices = to_float64(table.columns(element, places))
         elif element.name == "face" and wanted >= 0 and element.properties[wanted].count:
-            lists = table.lists(element, wanted)
-            faces.append(fan(lists.items, lists.lengths, limits))
+            polygons.append(table.lists(element, wanted))
         elif element.name == "tristrips" and wanted >= 0 and element.properties[wanted].count:
             faces.extend(_strips(table.lists(element, wanted)))
         else:
             table.skip(element)
-    return RawMesh(vertices, np.concatenate(faces) if faces else no_faces())
+    warnings: tuple[str, ...] = ()
+    for lists in polygons:  # at the end: the vertices may stand behind them
+        triangles = triangulate(vertices, lists.items, lists.lengths, limits)
+        faces.append(triangles.faces)
+        warnings += triangles.warnings
+    return RawMesh(vertices, np.concatenate(faces) if faces else no_faces(), warnings=warnings)
 
 
 def _read_header(data: bytes) -> tuple[str | None, list[Element], int]:
