@@ -4,12 +4,14 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import PurePath
+from typing import TypeAlias
 
 from model.errors import MeshError, MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
 from model.formats._3mf import is_3mf, is_zip, read_3mf
-from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, RawMesh
+from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, RawMesh, Resources, no_resources
 from model.formats._foreign import foreign_content, next_step
 from model.formats._gltf import read_glb, read_gltf
+from model.formats._meshopt import warm_up_kernels as warm_up_kernels
 from model.formats._obj import read_obj
 from model.formats._off import is_off, read_off
 from model.formats._ply import read_ply
@@ -18,14 +20,22 @@ from model.formats._text import DECIMAL_COMMAS, has_decimal_commas
 from model.formats._usable import resolution_warning, without_broken_faces
 from model.meshes.mesh import Mesh
 
-_READERS: dict[str, Callable[[bytes, Limits], RawMesh]] = {
-    "stl": read_stl,
-    "obj": read_obj,
-    "ply": read_ply,
-    "off": read_off,
+_Reader: TypeAlias = Callable[[bytes, Limits, Resources], RawMesh]
+
+
+def _alone(read: Callable[[bytes, Limits], RawMesh]) -> _Reader:
+    """The reader of a format that never refers to other files."""
+    return lambda data, limits, resources: read(data, limits)
+
+
+_READERS: dict[str, _Reader] = {
+    "stl": _alone(read_stl),
+    "obj": _alone(read_obj),
+    "ply": _alone(read_ply),
+    "off": _alone(read_off),
     "glb": read_glb,
     "gltf": read_gltf,
-    "3mf": read_3mf,
+    "3mf": _alone(read_3mf),
 }
 _TEXTS = ("stl", "obj", "ply", "off")  # that may be
 SUPPORTED_FORMATS: tuple[str, ...] = tuple(_READERS)
@@ -40,12 +50,13 @@ def read_mesh(
     max_faces: int | None = None,
     max_nodes: int = MOST_NODES,
     max_unpacked_bytes: int = MOST_UNPACKED_BYTES,
+    resources: Resources = no_resources,
 ) -> Mesh:
     """The mesh a file holds, in the file's own coordinates.
 
     Scene transforms are applied and all bodies joined into one mesh, as a viewer of the format would show them.
     Vertices at the same place are not merged; polygons become triangles. A few broken faces are left out. Whatever was
-    left out or guessed is told in ``warnings``. Files that the data refer to are never opened.
+    left out or guessed is told in ``warnings``. Files that the data refer to are asked for, never opened here.
 
     Args:
         data: the whole file.
@@ -54,6 +65,7 @@ def read_mesh(
         max_faces: the same for triangles.
         max_nodes: the largest number of nodes, objects and placements of a scene.
         max_unpacked_bytes: the most bytes that the parts of a 3MF archive unpack to.
+        resources: gives the content of a file by the name that the data call it (``chair.bin``), or None.
 
     Raises:
         UnsupportedFormatError: there is no reader for the extension, or the content is another format than it says.
@@ -80,7 +92,7 @@ def read_mesh(
             )
     limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes)
     try:
-        raw = _READERS[kind](data, limits)
+        raw = _READERS[kind](data, limits, resources)
         limits.check(len(raw.vertices), len(raw.faces))
         raw = without_broken_faces(raw)
         mesh = Mesh.checked(raw.vertices, raw.faces, source_format=kind, units=raw.units, warnings=raw.warnings)

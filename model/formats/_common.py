@@ -1,6 +1,8 @@
 """What all readers share: their result, the size limits, indices."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,6 +32,15 @@ class RawMesh:
     faces: AnyArray
     units: str | None = None
     warnings: tuple[str, ...] = ()
+
+
+Resources: TypeAlias = Callable[[str], bytes | None]
+"""The content of a file by the name that another one calls it; None for one that is not there."""
+
+
+def no_resources(name: str) -> None:
+    """There are no other files."""
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,7 +81,9 @@ def _archive(data: bytes) -> str:
     """What kind of zip archive it is; names inside are counted, never told."""
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
-            kinds = [PurePath(name).suffix[1:].lower() for name in archive.namelist() if not name.startswith("__MACOSX/")]
+            kinds = [
+                PurePath(name).suffix[1:].lower() for name in archive.namelist() if not name.startswith("__MACOSX/")
+            ]
     except (zipfile.BadZipFile, ValueError, EOFError, NotImplementedError, OSError):
         return ""
     if any(kind in ("usd", "usda", "usdc") for kind in kinds):

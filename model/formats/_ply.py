@@ -33,7 +33,7 @@ def read_ply(data: bytes, limits: Limits) -> RawMesh:
     if order:
         return _read_elements(elements, BinaryTable(data, start, order), limits)
     numbers, lines = parse_numbers(as_bytes(unix_lines(data[start:])))
-    # Every row has a line of its own; writers that break lines elsewhere are rare, and more words than announced less so.
+    # Every row has a line of its own. Writers that break lines elsewhere are rarer than those of longer rows.
     table = LineTable(numbers, lines)
     try:
         raw = _read_elements(elements, table, limits)

@@ -120,7 +120,7 @@ def _judge(vertices: FloatArray, corners: IntArray, start: int, length: int) -> 
     squared = nx * nx + ny * ny + nz * nz
     if not (squared > 0.0 and squared < np.inf):
         # Without an area, or not finite: of a quadrilateral only a bow tie is worth a word.
-        return 2 if length > 4 and squared == 0.0 or _is_bow_tie(vertices, corners, start, length) else 0
+        return 2 if (length > 4 and squared == 0.0) or _is_bow_tie(vertices, corners, start, length) else 0
     least = -1e-7 * squared
     covered = True
     for corner in range(2, length):

@@ -20,7 +20,7 @@ def as_bytes(data: bytes) -> ByteArray:
 
 
 def unix_lines(data: bytes) -> bytes:
-    """Text of which the lines end in carriage returns, as old systems wrote it, with line feeds; other text as it is."""
+    """Text whose lines end in carriage returns, as old systems wrote it, with line feeds; other text as it is."""
     returns = data.count(b"\r")
     if returns and returns - data.count(b"\r\n") > data.count(b"\n"):
         return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
