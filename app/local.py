@@ -20,7 +20,9 @@ from app.outputs.meshes import WRITERS
 from app.planes import PlaneLike, plane_numbers
 from app.schemas import Completion, DetectResponse, Include, LevelName, MeshFormat, Mode
 from model.completion import mirroring
+from model.completion.alignment import alignment
 from model.formats.conversion import MeshLike, as_mesh
+from model.meshes.clipping import remove_unreferenced_vertices
 from model.meshes.mesh import Mesh
 from model.types import FloatArray, IntArray
 
@@ -109,6 +111,37 @@ def complete(
         detector, triangles, _name(mesh), options, started, time.perf_counter()
     )  # fmt: skip
     return CompletedGeometry(vertices, faces, answer.completion)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignedGeometry:
+    """A mesh laid along the axes: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and how it was moved ``(4, 4)``."""
+
+    vertices: FloatArray
+    faces: IntArray
+    matrix: FloatArray
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
+
+        Raises:
+            ValueError: the extension is another one.
+            OSError: the file cannot be written.
+        """
+        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces))
+
+
+def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") -> AlignedGeometry:
+    """A copy of a mesh with its symmetry plane on YZ and its main axis on Z; see `model.completion.alignment`.
+
+    Raises:
+        model.errors.NoPlaneError: it has neither.
+        model.MeshError, model.CheckpointError, OSError: as for `detect`.
+    """
+    triangles = as_mesh(mesh)
+    matrix = alignment(detector_of(weights).detect(triangles, mode="full", max_error=max_error))
+    vertices, faces, _ = remove_unreferenced_vertices(triangles.vertices, triangles.faces)
+    return AlignedGeometry(vertices @ matrix[:3, :3].T + matrix[:3, 3], faces, matrix)
 
 
 def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[FloatArray, IntArray]:

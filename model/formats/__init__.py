@@ -109,6 +109,11 @@ def read_mesh(
     return replace(mesh, warnings=(*mesh.warnings, *resolution_warning(mesh)))
 
 
+def content_format(data: bytes) -> str | None:
+    """The format that the content of a file shows, or None."""
+    return "stl" if is_binary_stl(data) and not foreign_content(data) else _recognise(data, "")
+
+
 def _recognise(data: bytes, kind: str) -> str | None:
     """The format that the content shows, or None if it shows none for certain; `kind` wins where several would fit."""
     head = data[:1024]

@@ -20,8 +20,9 @@ _KNOWN = frozenset(
         "KHR_mesh_quantization", "KHR_node_visibility", "KHR_texture_transform", "KHR_texture_basisu",
         "KHR_lights_punctual", "KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld", "KHR_techniques_webgl",
         "KHR_node_hoverability", "KHR_node_selectability", "EXT_texture_webp", "EXT_texture_avif",
-        "EXT_lights_image_based", "EXT_mesh_features", "EXT_instance_features", "EXT_structural_metadata", "EXT_mesh_manifold",
-        "MSFT_texture_dds", "MSFT_packing_normalRoughnessMetallic", "MSFT_packing_occlusionRoughnessMetallic", "FB_geometry_metadata",
+        "EXT_lights_image_based", "EXT_mesh_features", "EXT_instance_features", "EXT_structural_metadata",
+        "EXT_mesh_manifold", "MSFT_texture_dds", "MSFT_packing_normalRoughnessMetallic",
+        "MSFT_packing_occlusionRoughnessMetallic", "FB_geometry_metadata",
     }
 )  # fmt: skip
 
