@@ -11,6 +11,7 @@ from app import schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
 from model.completion.mirroring import Completed, complete
 from model.errors import NoPlaneError
+from model.formats import Resources, no_resources
 from model.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def complete_file(
     options: CompleteOptions,
     limits: MeshLimits,
     on_parsed: Callable[[], None] = lambda: None,
+    resources: Resources = no_resources,
 ) -> "tuple[schemas.CompletedMesh, FloatArray, IntArray]":
     """The mesh of a file completed by its mirror image: what was done, vertices ``(v, 3)`` and faces ``(f, 3)``.
 
@@ -42,7 +44,7 @@ def complete_file(
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_within(limits, data, filename)
+    mesh = read_within(limits, data, filename, resources)
     parsed = time.perf_counter()
     on_parsed()
     return complete_mesh(detector, mesh, filename, options, started, parsed)

@@ -9,6 +9,8 @@ from app.outputs.meshes import WRITERS
 from app.schemas import to_json
 from app.workers.wire import Job
 from model.errors import MeshTooLargeError
+from model.formats import no_resources
+from model.formats.conversion import files_at_hand
 from model.types import FloatArray, IntArray
 
 
@@ -20,14 +22,16 @@ def perform(
     Raises:
         model.errors.MeshError: the mesh is to blame.
     """
+    data, files = job.files(data)
+    resources = files_at_hand(files) if files else no_resources
     limits = MeshLimits(job.max_vertices, job.max_faces, job.max_nodes, job.max_unpacked_bytes)
     if job.task == "complete":
         options = CompleteOptions(job.plane, job.symmetrize, job.max_error)
-        answer, vertices, faces = complete_file(detector, data, job.filename, options, limits, on_parsed)
+        answer, vertices, faces = complete_file(detector, data, job.filename, options, limits, on_parsed, resources)
         body = _body(WRITERS[job.geometry or "ply"], vertices, faces, answer.mesh.bounds, job.max_answer_bytes)
         return answer.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
-    response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed)
+    response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed, resources)
     text = to_json(response, options.include)
     if job.geometry is None:
         return text, None

@@ -8,7 +8,9 @@ from typing import TypeAlias
 
 from model.errors import MeshError, MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
 from model.formats._3mf import is_3mf, is_zip, read_3mf
-from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, RawMesh, Resources, no_resources
+from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, RawMesh
+from model.formats._common import Resources as Resources
+from model.formats._common import no_resources as no_resources
 from model.formats._foreign import foreign_content, next_step
 from model.formats._gltf import read_glb, read_gltf
 from model.formats._meshopt import warm_up_kernels as warm_up_kernels

@@ -8,6 +8,7 @@ import { cornerNormals } from "./normals";
 import { ProblemError, type Problem } from "./problems";
 import type { DetectResult, Limits } from "./result";
 import type { State, Store, Surface, Up } from "./store";
+import { withCompanions } from "./together";
 
 /** Formats in which z usually points upwards. */
 const Z_UP = new Set(["stl", "3mf"]);
@@ -173,8 +174,9 @@ function surfaceOf(corners: Float64Array, result: DetectResult): Surface {
 
 /** Told before the upload: a connection that is cut while sending would hide the service's own words. */
 function refuseTooLarge(file: File, limits: Limits | null): void {
-  if (!limits || file.size < limits.max_upload_bytes) return;
-  const detail = `The file has ${bytes(file.size)}; the service takes ${bytes(limits.max_upload_bytes)}.`;
+  const size = withCompanions(file).reduce((total, part) => total + part.size, 0);
+  if (!limits || size < limits.max_upload_bytes) return;
+  const detail = `The file has ${bytes(size)}; the service takes ${bytes(limits.max_upload_bytes)}.`;
   throw new ProblemError({ slug: "upload-too-large", detail, status: 413, requestId: null });
 }
 
