@@ -106,7 +106,7 @@ def work(path: Path, task: Task) -> Outcome:
         )
         response = named(response, Path(path.name))
         if task.glb_folder is not None:
-            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds)
+            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds, mesh.colors)
             task.write(path, task.glb_folder, ".glb", annotated_head(response, body) + body)
         if task.png_folder is not None:
             drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)

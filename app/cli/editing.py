@@ -72,6 +72,7 @@ def halve(
     """Keep one half of a symmetric mesh, cut exactly at the plane and open there."""
     from app import local
     from model.errors import NoPlaneError
+    from model.formats.conversion import as_mesh
 
     require_max_error(max_error)
     plane: Any = plane_of(normal, offset)
@@ -82,9 +83,9 @@ def halve(
             if not planes:
                 raise NoPlaneError(f"no mirror plane has an error of at most {max_error:g}")
             plane = planes[0]
-        vertices, faces = local.halve(source, plane, positive=not other)
-        output.write_bytes(local.writer_for(output).file(vertices, faces))
-    typer.echo(f"{output}: {len(faces)} faces")
+        half = local.half_of(as_mesh(source), plane, positive=not other)
+        output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors))
+    typer.echo(f"{output}: {len(half.faces)} faces")
 
 
 def align(

@@ -98,7 +98,7 @@ def _upload(source: Source, stack: ExitStack) -> list[tuple[str, bytes | BinaryI
     from model.formats.conversion import as_mesh
 
     mesh = as_mesh(source)
-    return [("mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces))]
+    return [("mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces, mesh.colors))]
 
 
 def detect_call(

@@ -97,7 +97,9 @@ def read_mesh(
         raw = _READERS[kind](data, limits, resources)
         limits.check(len(raw.vertices), len(raw.faces))
         raw = without_broken_faces(raw)
-        mesh = Mesh.checked(raw.vertices, raw.faces, source_format=kind, units=raw.units, warnings=raw.warnings)
+        mesh = Mesh.checked(
+            raw.vertices, raw.faces, source_format=kind, units=raw.units, warnings=raw.warnings, colors=raw.colors
+        )  # fmt: skip
     except MeshTooLargeError:
         raise
     except (MemoryError, ImportError):  # the process's fault

@@ -8,7 +8,7 @@ import numpy as np
 
 from model._jit import kernel_array
 from model.errors import MeshTooLargeError, UnreadableMeshError
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 MOST_NODES = 1 << 20
 """Nodes, objects and placements of a scene, unless the caller says otherwise."""
@@ -26,12 +26,14 @@ class RawMesh:
         faces: (f, 3).
         units: the file's length unit, if it names one.
         warnings: what was left out or guessed, as sentences that quote nothing of the file.
+        colors: (v, 4) uint8 sRGB with opacity, if there are any.
     """
 
     vertices: AnyArray
     faces: AnyArray
     units: str | None = None
     warnings: tuple[str, ...] = ()
+    colors: ByteArray | None = None
 
 
 Resources: TypeAlias = Callable[[str], bytes | None]

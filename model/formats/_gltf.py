@@ -10,7 +10,8 @@ from model.formats._common import Limits, RawMesh, Resources, no_resources
 from model.formats._gltf_bodies import Bodies
 from model.formats._gltf_buffers import Buffers
 from model.formats._gltf_scene import Scene
-from model.types import FloatArray, IntArray
+from model.meshes.colors import from_linear
+from model.types import ByteArray, FloatArray, IntArray
 
 _MAGIC = b"glTF"
 # What a file may require: read here, or without influence on where the surface is.
@@ -82,15 +83,15 @@ def _read(text: bytes, binary: bytes | None, limits: Limits, resources: Resource
         buffers = Buffers(document, binary, resources)
         scene = Scene(document, buffers, limits)
         bodies = Bodies(document, buffers, limits)
-        vertices, faces = _flatten(scene, bodies, limits)
+        vertices, faces, colors = _flatten(scene, bodies, limits)
         # The format fixes the unit.
-        return RawMesh(vertices, faces, "meter", (*scene.warnings, *bodies.warnings))
+        return RawMesh(vertices, faces, "meter", (*scene.warnings, *bodies.warnings), colors)
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UnreadableMeshError("The glTF file breaks the rules of its format.") from error
 
 
-def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, IntArray]:
-    """Vertices and faces of all instances; the size of the result is checked before it exists."""
+def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, IntArray, ByteArray | None]:
+    """Vertices, faces and colours of all instances; the size of the result is checked before it exists."""
     vertices, faces = 0, 0
     shown = [(bodies.get(placed.mesh, placed.weights), placed) for placed in scene.placed]
     for body, placed in shown:
@@ -102,6 +103,9 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, 
         raise UnreadableMeshError("The glTF scene has more vertices than an index can express.")
     all_vertices = np.empty((vertices, 3))
     all_faces = np.empty((faces, 3), dtype=np.int32)
+    colors: ByteArray | None = None
+    if any(body.light is not None for body, _ in shown):
+        colors = np.full((vertices, 4), 255, dtype=np.uint8)
     vertex, face = 0, 0
     for body, placed in shown:
         count = len(body.vertices)
@@ -114,6 +118,8 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, 
             else:
                 part[:] = body.posed(skin)
             all_faces[face : face + len(body.faces)] = body.faces + vertex
+            if colors is not None and body.light is not None:
+                colors[vertex : vertex + count] = from_linear(body.light)
             vertex += count
             face += len(body.faces)
-    return all_vertices, all_faces
+    return all_vertices, all_faces, colors

@@ -25,6 +25,7 @@ class Body:
     faces: IntArray
     joints: IntArray | None = None
     weights: FloatArray | None = None
+    light: FloatArray | None = None  # (v, 4) linear colours, if any part has some
 
     def posed(self, matrices: FloatArray) -> FloatArray:
         """The vertices (v, 3) where the joints' matrices (j, 4, 4) take them."""
@@ -71,6 +72,7 @@ class Bodies:
         vertices: list[FloatArray] = []
         faces: list[IntArray] = [no_faces()]
         influences: list[tuple[IntArray, FloatArray] | None] = []
+        light: list[FloatArray] = []
         starts: dict[Any, tuple[int, int]] = {}
         total, made = 0, 0
         for primitive in mesh["primitives"]:
@@ -86,6 +88,8 @@ class Bodies:
                 repr(primitive.get("targets")),
                 repr(attributes.get("JOINTS_0")),
                 repr(draco),
+                primitive.get("material"),
+                attributes.get("COLOR_0"),
             )
             indices: IntArray | None = None
             if key not in starts or draco is not None:
@@ -98,6 +102,7 @@ class Bodies:
                 starts[key] = total, len(points)
                 vertices.append(points)
                 influences.append(self._influences(attributes, len(points)))
+                light.append(self._light(primitive, len(points), draco is None))
                 total += len(points)
             start, count = starts[key]
             if indices is not None:
@@ -113,7 +118,13 @@ class Bodies:
             made += len(faces[-1])
             self._limits.check(vertices=total, faces=made)
         joined = np.concatenate(vertices) if vertices else np.empty((0, 3))
-        return Body(joined, np.concatenate(faces), *_joined_influences(influences, [len(part) for part in vertices]))
+        tinted = np.concatenate(light) if light else np.empty((0, 4))
+        return Body(
+            joined,
+            np.concatenate(faces),
+            *_joined_influences(influences, [len(part) for part in vertices]),
+            light=tinted if tinted.size and bool((tinted != 1.0).any()) else None,
+        )
 
     def _morphed(self, points: FloatArray, targets: Any, weights: tuple[float, ...]) -> FloatArray:
         for target, weight in zip(targets, weights, strict=False):
@@ -138,6 +149,23 @@ class Bodies:
         sums = much.sum(axis=1)
         much[sums == 0.0, 0] = 1.0
         return which, much / np.where(sums == 0.0, 1.0, sums)[:, None]
+
+    def _light(self, primitive: Any, count: int, stored: bool) -> FloatArray:
+        """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white."""
+        light = np.ones((count, 4))
+        attributes = primitive["attributes"]
+        try:
+            if stored and "COLOR_0" in attributes:
+                width = 3 if self._json["accessors"][attributes["COLOR_0"]]["type"] == "VEC3" else 4
+                values = self._buffers.accessor(attributes["COLOR_0"], width).astype(np.float64)
+                if len(values) == count:
+                    light[:, :width] = values
+            if "material" in primitive:
+                surface = self._json["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
+                light *= np.array(surface.get("baseColorFactor", [1.0] * 4), dtype=np.float64).reshape(4)
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, UnreadableMeshError):
+            return np.ones((count, 4))  # a shape with broken colours is a shape all the same
+        return light
 
     def _check_faces(self, index: int, mode: int, made: int) -> None:
         """Primitives may share indices: a few bytes of JSON can ask for as many triangles as there are bytes."""

@@ -24,13 +24,24 @@ def read_obj(data: bytes, limits: Limits) -> RawMesh:
     vertex_count, polygon_count, corner_count, triangle_count = _count(raw)
     limits.check(vertex_count, triangle_count)
     vertices = np.empty((vertex_count, 3))
+    tints = np.empty((vertex_count, 3))
     corners = np.empty(corner_count, dtype=np.int32)
     lengths = np.empty(polygon_count, dtype=np.int64)
-    fault = _read(raw, vertices, corners, lengths)
+    fault = _read(raw, vertices, tints, corners, lengths)
     if fault:
         raise UnreadableMeshError(_FAULTS[fault])
     triangles = triangulate(vertices, corners, lengths, limits)
-    return RawMesh(vertices, triangles.faces, warnings=triangles.warnings)
+    return RawMesh(vertices, triangles.faces, warnings=triangles.warnings, colors=_colors(tints))
+
+
+def _colors(tints: FloatArray) -> ByteArray | None:
+    """(v, 4) where every vertex has three numbers from 0 to 1 or, in some programs, to 255."""
+    if not len(tints) or not np.isfinite(tints).all() or tints.min() < 0.0:
+        return None
+    scale = 255.0 if tints.max() <= 1.0 else 1.0
+    result = np.full((len(tints), 4), 255, dtype=np.uint8)
+    result[:, :3] = np.clip(np.rint(scale * tints), 0, 255)
+    return result
 
 
 @jit
@@ -115,7 +126,7 @@ def _word_end(data: ByteArray, at: int) -> int:
 
 
 @jit
-def _read(data: ByteArray, vertices: FloatArray, corners: IntArray, lengths: AnyArray) -> int:
+def _read(data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: IntArray, lengths: AnyArray) -> int:
     """Fill vertices and polygons; 0, or the number of a fault."""
     at, vertex, polygon, corner = 0, 0, 0, 0
     end = data.shape[0]
@@ -131,6 +142,12 @@ def _read(data: ByteArray, vertices: FloatArray, corners: IntArray, lengths: Any
                     return 1
                 vertices[vertex, axis] = value
                 at = after
+            for channel in range(3):  # red, green and blue behind the position; one number alone is a weight
+                at = _blanks(data, at)
+                value, after = parse_number(data, at, end)
+                fine = after > at and after == _word_end(data, after)
+                tints[vertex, channel] = value if fine else np.nan
+                at = after if fine else at
             vertex += 1
         elif kind == 2:
             first = corner

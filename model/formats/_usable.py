@@ -35,7 +35,7 @@ def without_broken_faces(raw: RawMesh) -> RawMesh:
         return raw
     some = "1 face was" if broken == 1 else f"{broken} faces were"
     warning = f"{some} left out: a corner is missing or not a finite number."
-    return RawMesh(vertices, faces[marks == 0], raw.units, (*raw.warnings, warning))
+    return RawMesh(vertices, faces[marks == 0], raw.units, (*raw.warnings, warning), raw.colors)
 
 
 @jit

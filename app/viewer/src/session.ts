@@ -159,17 +159,17 @@ async function request(
     const result = JSON.parse(await content.text()) as DetectResult;
     return { result, answered: options, items: itemsOf(result) };
   }
-  const { corners, result } = readAnnotated(await content.arrayBuffer());
-  const surface = surfaceOf(corners, result);
+  const { corners, colors, result } = readAnnotated(await content.arrayBuffer());
+  const surface = surfaceOf(corners, colors, result);
   return { result, answered: options, items: itemsOf(result), surface };
 }
 
 /** Into the unit frame while there are 64 bits to a coordinate; the graphics card has 32. */
-function surfaceOf(corners: Float64Array, result: DetectResult): Surface {
+function surfaceOf(corners: Float64Array, colors: Float32Array | null, result: DetectResult): Surface {
   const { center, scale } = result.frame;
   const unit = new Float32Array(corners.length);
   for (let i = 0; i < corners.length; i++) unit[i] = (corners[i] - center[i % 3]) / scale;
-  return { corners: unit, normals: cornerNormals(unit) };
+  return { corners: unit, normals: cornerNormals(unit), colors };
 }
 
 /** Told before the upload: a connection that is cut while sending would hide the service's own words. */
