@@ -73,7 +73,7 @@ def complete_mesh(
         vertices, faces, colors = carried_colors(mesh, vertices, faces, mirrored, plane)
     result = Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units, colors=colors)
     answer = schemas.CompletedMesh(
-        completion=_completion(done, plane, options),
+        completion=_completion(done, plane, options, mesh.warnings),
         mesh=mesh_info(result, filename),
         complete_ms=(time.perf_counter() - began) * 1e3,
         timings_ms=timings(steps, started, parsed),
@@ -92,7 +92,9 @@ def _best(detection: "Detection", max_error: float) -> "FloatArray":
     )
 
 
-def _completion(done: Completed, plane: "FloatArray", options: CompleteOptions) -> schemas.Completion:
+def _completion(
+    done: Completed, plane: "FloatArray", options: CompleteOptions, warnings: tuple[str, ...]
+) -> schemas.Completion:
     return schemas.Completion(
         plane=schemas.MirrorPlane(
             normal=[float(value) + 0.0 for value in plane[:3]],
@@ -108,4 +110,5 @@ def _completion(done: Completed, plane: "FloatArray", options: CompleteOptions) 
         tolerance=done.tolerance,
         seam_distance=done.seam_distance,
         symmetrized=options.symmetrize,
+        warnings=list(warnings),
     )

@@ -1,6 +1,6 @@
 """``prsnet complete``, ``halve`` and ``align``: meshes made from a mesh and its symmetries."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,6 +52,7 @@ def complete(
                 done = client.complete(source, format=local.mesh_format(output), **options)
         done.save(output)
     what = done.completion
+    _warn(file, what.warnings)
     typer.echo(
         f"{output}: {what.faces_kept} faces kept, {what.faces_added} added "
         f"({100 * what.area_added:.1f} % of the surface); seam closed over {what.seam_distance:.2g}; "
@@ -83,7 +84,9 @@ def halve(
             if not planes:
                 raise NoPlaneError(f"no mirror plane has an error of at most {max_error:g}")
             plane = planes[0]
-        half = local.half_of(as_mesh(source), plane, positive=not other)
+        mesh = as_mesh(source)
+        half = local.half_of(mesh, plane, positive=not other)
+        _warn(file, mesh.warnings)
         output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors))
     typer.echo(f"{output}: {len(half.faces)} faces")
 
@@ -97,14 +100,22 @@ def align(
 ) -> None:
     """Turn and shift a copy of a mesh: its symmetry plane onto YZ, its main axis onto Z."""
     from app import local
+    from model.formats.conversion import as_mesh
 
     require_max_error(max_error)
     with _output(file, output, overwrite) as source:
         load(weights)
-        done = local.align(source, max_error=max_error, weights=weights)
+        mesh = as_mesh(source)
+        done = local.align(mesh, max_error=max_error, weights=weights)
+        _warn(file, mesh.warnings)
         done.save(output)
     rows = "; ".join(" ".join(f"{value:.9g}" for value in row) for row in done.matrix.tolist())
     typer.echo(f"{output}: {len(done.faces)} faces, moved by {rows}")
+
+
+def _warn(file: Path, warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        typer.echo(f"{file}: warning: {warning}", err=True)
 
 
 @contextmanager

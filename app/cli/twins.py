@@ -42,6 +42,8 @@ def twins(
     for path in (first, second):
         try:
             meshes.append(as_mesh(path))
+            for warning in meshes[-1].warnings:
+                typer.echo(f"{path}: warning: {warning}", err=True)
         except (OSError, MeshError) as error:
             typer.echo(f"{path}: {reason_of(error)}", err=True)
             raise typer.Exit(Exit.SOME_FAILED) from error

@@ -149,3 +149,12 @@ def test_twins(tmp_path: Path) -> None:
     assert runner.invoke(app, ["twins", one, str(DATA / "chair.obj")]).exit_code == 1
     missing = runner.invoke(app, ["twins", one, str(tmp_path / "none.ply")])
     assert (missing.exit_code, "No such file" in missing.stderr) == (1, True)
+
+
+def test_what_was_left_out_is_told_by_every_command(tmp_path: Path) -> None:
+    text = (DATA / "chair.obj").read_text() + "f 1 2 99999\n"
+    (tmp_path / "broken.obj").write_text(text)
+    for command in ("halve", "complete", "align"):
+        result = runner.invoke(app, [command, str(tmp_path / "broken.obj"), "-o", str(tmp_path / f"{command}.ply")])
+        assert result.exit_code == 0, result.stderr
+        assert "warning: 1 face was left out" in result.stderr
