@@ -92,7 +92,15 @@ class FakeDetector:
         if self.warm_failure:
             raise self.warm_failure
 
-    def detect(self, mesh: Any, *, mode: str = "full", max_error: float = 4e-4) -> Detection:
+    def detect(
+        self,
+        mesh: Any,
+        *,
+        mode: str = "full",
+        max_error: float = 4e-4,
+        level: str = "auto",
+        tolerance: float | None = None,
+    ) -> Detection:
         if len(mesh.faces) != self._warm:
             self._reported.put({"mode": mode, "max_error": max_error, "pid": os.getpid()})
             while not self._told.empty():
@@ -107,6 +115,8 @@ class FakeDetector:
             "point": center,
             "symmetry_error": self.symmetry_error if len(mesh.faces) != self._warm else 0.0,
             "rms_distance": 3.5e-5,
+            "max_distance": 9.0e-5,
+            "coverage": 1.0,
             "exact": True,
         }
         normal = np.array([1.0, -0.0, -0.0])
