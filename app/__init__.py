@@ -2,7 +2,7 @@
 
 ``main`` wires, ``routes`` answers, ``detection`` turns bytes into an answer, ``workers`` run that off the event loop.
 
-What programs use is here, loaded on first use: `detect`, `complete` and `halve` in this process, `Client` and
+What programs use is here, loaded on first use: `detect`, `complete`, `halve` and `align` in this process, `Client` and
 `AsyncClient` with a running service, and the errors that clients raise.
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         UnreachableError,
         UnusableMeshError,
     )
-    from app.local import complete, detect, halve
+    from app.local import align, complete, detect, halve
     from app.schemas import DetectResponse
 
 _HOMES = {
@@ -36,6 +36,7 @@ _HOMES = {
     "UnexpectedAnswerError": "client.errors",
     "UnreachableError": "client.errors",
     "UnusableMeshError": "client.errors",
+    "align": "local",
     "complete": "local",
     "detect": "local",
     "halve": "local",
@@ -52,6 +53,7 @@ __all__ = [
     "UnexpectedAnswerError",
     "UnreachableError",
     "UnusableMeshError",
+    "align",
     "complete",
     "detect",
     "halve",

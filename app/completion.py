@@ -11,11 +11,13 @@ from app import schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
 from model.completion.mirroring import Completed, complete
 from model.errors import NoPlaneError
+from model.formats import Resources, no_resources
+from model.meshes.colors import carried_colors
 from model.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
     from model.detection import Detection
-    from model.types import FloatArray, IntArray
+    from model.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,15 +36,16 @@ def complete_file(
     options: CompleteOptions,
     limits: MeshLimits,
     on_parsed: Callable[[], None] = lambda: None,
-) -> "tuple[schemas.CompletedMesh, FloatArray, IntArray]":
-    """The mesh of a file completed by its mirror image: what was done, vertices ``(v, 3)`` and faces ``(f, 3)``.
+    resources: Resources = no_resources,
+) -> "tuple[schemas.CompletedMesh, Mesh]":
+    """The mesh of a file completed by its mirror image: what was done, and the completed mesh.
 
     Raises:
         NoPlaneError: none was given, and the mesh has none within ``options.max_error``.
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_within(limits, data, filename)
+    mesh = read_within(limits, data, filename, resources)
     parsed = time.perf_counter()
     on_parsed()
     return complete_mesh(detector, mesh, filename, options, started, parsed)
@@ -50,7 +53,7 @@ def complete_file(
 
 def complete_mesh(
     detector: SymmetryDetector, mesh: Mesh, filename: str, options: CompleteOptions, started: float, parsed: float
-) -> "tuple[schemas.CompletedMesh, FloatArray, IntArray]":
+) -> "tuple[schemas.CompletedMesh, Mesh]":
     """What `complete_file` answers, for a mesh that was read between two readings of ``time.perf_counter``.
 
     Raises:
@@ -64,14 +67,18 @@ def complete_mesh(
         plane = np.array(options.plane)
     began = time.perf_counter()
     done = complete(mesh, plane, symmetrize=options.symmetrize)
-    result = Mesh.checked(done.vertices, done.faces, source_format=mesh.source_format, units=mesh.units)
+    vertices, faces, colors = done.vertices, done.faces, None
+    if mesh.colors is not None:
+        mirrored = np.arange(len(faces)) >= done.faces_kept
+        vertices, faces, colors = carried_colors(mesh, vertices, faces, mirrored, plane)
+    result = Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units, colors=colors)
     answer = schemas.CompletedMesh(
-        completion=_completion(done, plane, options),
+        completion=_completion(done, plane, options, mesh.warnings),
         mesh=mesh_info(result, filename),
         complete_ms=(time.perf_counter() - began) * 1e3,
         timings_ms=timings(steps, started, parsed),
     )
-    return answer, done.vertices, done.faces
+    return answer, result
 
 
 def _best(detection: "Detection", max_error: float) -> "FloatArray":
@@ -85,7 +92,9 @@ def _best(detection: "Detection", max_error: float) -> "FloatArray":
     )
 
 
-def _completion(done: Completed, plane: "FloatArray", options: CompleteOptions) -> schemas.Completion:
+def _completion(
+    done: Completed, plane: "FloatArray", options: CompleteOptions, warnings: tuple[str, ...]
+) -> schemas.Completion:
     return schemas.Completion(
         plane=schemas.MirrorPlane(
             normal=[float(value) + 0.0 for value in plane[:3]],
@@ -101,4 +110,5 @@ def _completion(done: Completed, plane: "FloatArray", options: CompleteOptions) 
         tolerance=done.tolerance,
         seam_distance=done.seam_distance,
         symmetrized=options.symmetrize,
+        warnings=list(warnings),
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from app import schemas
 from app.schemas import Include, LevelName, Mode
-from model.formats import MOST_NODES, MOST_UNPACKED_BYTES, read_mesh
+from model.formats import MOST_NODES, MOST_UNPACKED_BYTES, Resources, no_resources, read_mesh
 
 if TYPE_CHECKING:
     from model.detection import Axis, Detection, Level, Plane, Rejected
@@ -110,14 +110,15 @@ def detect_file(
     options: Options,
     limits: MeshLimits,
     on_parsed: Callable[[], None] = lambda: None,
+    resources: Resources = no_resources,
 ) -> "tuple[schemas.DetectResponse, Mesh]":
-    """What `parse_and_detect` answers, and the mesh it is about.
+    """What `parse_and_detect` answers, and the mesh it is about; ``resources`` are files that the mesh may refer to.
 
     Raises:
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_within(limits, data, filename)
+    mesh = read_within(limits, data, filename, resources)
     parsed = time.perf_counter()
     on_parsed()
     detection = detector.detect(
@@ -126,7 +127,7 @@ def detect_file(
     return to_response(detection, detector, filename, options.include, started, parsed), mesh
 
 
-def read_within(limits: MeshLimits, data: bytes, filename: str) -> "Mesh":
+def read_within(limits: MeshLimits, data: bytes, filename: str, resources: Resources = no_resources) -> "Mesh":
     """The mesh of a file that keeps the limits.
 
     Raises:
@@ -139,6 +140,7 @@ def read_within(limits: MeshLimits, data: bytes, filename: str) -> "Mesh":
         max_faces=limits.faces,
         max_nodes=limits.nodes,
         max_unpacked_bytes=limits.unpacked_bytes,
+        resources=resources,
     )
 
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
@@ -20,9 +22,12 @@ from app.outputs.meshes import WRITERS
 from app.planes import PlaneLike, plane_numbers
 from app.schemas import Completion, DetectResponse, Include, LevelName, MeshFormat, Mode
 from model.completion import mirroring
+from model.completion.alignment import alignment
 from model.formats.conversion import MeshLike, as_mesh
+from model.meshes.clipping import remove_unreferenced_vertices
+from model.meshes.colors import carried_colors
 from model.meshes.mesh import Mesh
-from model.types import FloatArray, IntArray
+from model.types import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from app.detection import SymmetryDetector
@@ -30,11 +35,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompletedGeometry:
-    """A completed mesh: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and what was done."""
+    """A completed mesh: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, what was done, and ``colors`` if there are any.
+
+    They are ``(v, 4)`` uint8 sRGB.
+    """
 
     vertices: FloatArray
     faces: IntArray
     completion: Completion
+    colors: ByteArray | None = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
@@ -43,7 +52,7 @@ class CompletedGeometry:
             ValueError: the extension is another one.
             OSError: the file cannot be written.
         """
-        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces))
+        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors))
 
 
 def detect(
@@ -105,10 +114,43 @@ def complete(
     given = None if plane is None else plane_numbers(plane).tolist()
     options = CompleteOptions(given, symmetrize, max_error)
     triangles, detector = as_mesh(mesh), detector_of(weights)
-    answer, vertices, faces = complete_mesh(
+    answer, result = complete_mesh(
         detector, triangles, _name(mesh), options, started, time.perf_counter()
     )  # fmt: skip
-    return CompletedGeometry(vertices, faces, answer.completion)
+    return CompletedGeometry(result.vertices, result.faces, answer.completion, result.colors)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignedGeometry:
+    """A mesh laid along the axes: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and how it was moved ``(4, 4)``."""
+
+    vertices: FloatArray
+    faces: IntArray
+    matrix: FloatArray
+    colors: ByteArray | None = None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
+
+        Raises:
+            ValueError: the extension is another one.
+            OSError: the file cannot be written.
+        """
+        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors))
+
+
+def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") -> AlignedGeometry:
+    """A copy of a mesh with its symmetry plane on YZ and its main axis on Z; see `model.completion.alignment`.
+
+    Raises:
+        model.errors.NoPlaneError: it has neither.
+        model.MeshError, model.CheckpointError, OSError: as for `detect`.
+    """
+    triangles = as_mesh(mesh)
+    matrix = alignment(detector_of(weights).detect(triangles, mode="full", max_error=max_error))
+    vertices, faces, used = remove_unreferenced_vertices(triangles.vertices, triangles.faces)
+    colors = None if triangles.colors is None else triangles.colors[used]
+    return AlignedGeometry(vertices @ matrix[:3, :3].T + matrix[:3, 3], faces, matrix, colors)
 
 
 def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
@@ -117,7 +159,19 @@ def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[F
     Raises:
         model.MeshError: the mesh cannot be used, or nothing of it is on that side.
     """
-    return mirroring.halve(as_mesh(mesh), plane_numbers(plane), positive=positive)
+    half = half_of(as_mesh(mesh), plane, positive=positive)
+    return half.vertices, half.faces
+
+
+def half_of(mesh: Mesh, plane: PlaneLike, *, positive: bool = True) -> Mesh:
+    """What `halve` gives, as a mesh with its colours."""
+    numbers = plane_numbers(plane)
+    vertices, faces = mirroring.halve(mesh, numbers, positive=positive)
+    colors = None
+    if mesh.colors is not None:
+        kept = np.zeros(len(faces), dtype=np.bool_)
+        vertices, faces, colors = carried_colors(mesh, vertices, faces, kept, numbers)
+    return Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units, colors=colors)
 
 
 def writer_for(path: str | os.PathLike[str]) -> MeshWriter:

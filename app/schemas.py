@@ -342,6 +342,7 @@ class Completion(Schema):
         ge=0, description="Farthest that the rim of an added part was moved to close the seam."
     )
     symmetrized: bool
+    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
 
 
 class CompletedMesh(Schema):

@@ -45,6 +45,7 @@ def to_input(
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,
+        warnings=list(mesh.warnings),
         levels=report.levels(found),
         similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
         rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],

@@ -4,13 +4,12 @@ A file that cannot be read, or on which a process dies, costs its own answer and
 """
 
 import functools
-import glob
 import os
-from collections.abc import Generator, Iterable
+from collections.abc import Generator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,13 +21,15 @@ if TYPE_CHECKING:
     from app.client.client import Client
     from app.outputs.png import Up
 
-EXTENSIONS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf")
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to do with every file; files with the mesh drawn or annotated go to the folders that are named."""
+    """What to do with every file; files with the mesh drawn or annotated go to the folders that are named.
+
+    ``names`` are those of files that are to be called something else than their own name without its extension.
+    """
 
     mode: Mode = "full"
     max_error: float = 4e-4
@@ -41,6 +42,21 @@ class Task:
     weights: str = "default"
     url: str | None = None
     api_key: str | None = None
+    names: dict[Path, str] = field(default_factory=dict[Path, str])
+
+    def targets(self, path: Path) -> list[Path]:
+        """The files that will be written for one."""
+        wanted = ((self.glb_folder, ".glb"), (self.png_folder, ".png"))
+        return [self._target(path, folder, extension) for folder, extension in wanted if folder is not None]
+
+    def write(self, path: Path, folder: Path, extension: str, data: bytes) -> None:
+        """Write what was made of a file; folders on the way are made."""
+        place = self._target(path, folder, extension)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(data)
+
+    def _target(self, path: Path, folder: Path, extension: str) -> Path:
+        return folder / f"{self.names.get(path, path.stem)}-symmetries{extension}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,30 +67,6 @@ class Outcome:
     response: DetectResponse | None
     error: str = ""
     unreachable: bool = False
-
-
-def expand(names: Iterable[str]) -> tuple[list[Path], list[Outcome]]:
-    """The files that names, folders with all they contain, and patterns stand for, each once; and what names none.
-
-    Of a folder only files of a known format are taken; a file that is named is taken whatever its name.
-    """
-    found: dict[Path, None] = {}
-    missing: list[Outcome] = []
-    for name in names:
-        path = Path(name)
-        if path.is_dir():
-            inside = sorted(item for item in path.rglob("*") if item.suffix.lower() in EXTENSIONS and item.is_file())
-            if not inside:
-                missing.append(Outcome(path, None, "The folder holds no mesh files."))
-            found.update(dict.fromkeys(inside))
-        elif path.exists() or not glob.has_magic(name):
-            found[path] = None
-        else:
-            matches = sorted(Path(item) for item in glob.glob(name, recursive=True) if Path(item).is_file())
-            if not matches:
-                missing.append(Outcome(path, None, "No file has such a name."))
-            found.update(dict.fromkeys(matches))
-    return list(found), missing
 
 
 def run(paths: list[Path], task: Task, jobs: int) -> Generator[Outcome, None, None]:
@@ -114,11 +106,11 @@ def work(path: Path, task: Task) -> Outcome:
         )
         response = named(response, Path(path.name))
         if task.glb_folder is not None:
-            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds)
-            target(path, task.glb_folder, ".glb").write_bytes(annotated_head(response, body) + body)
+            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds, mesh.colors)
+            task.write(path, task.glb_folder, ".glb", annotated_head(response, body) + body)
         if task.png_folder is not None:
             drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)
-            target(path, task.png_folder, ".png").write_bytes(drawn)
+            task.write(path, task.png_folder, ".png", drawn)
     except OSError as error:
         return Outcome(path, None, error.strerror or str(error))
     except MeshError as error:
@@ -126,11 +118,6 @@ def work(path: Path, task: Task) -> Outcome:
     except MemoryError:
         return Outcome(path, None, "The mesh needs more memory than there is.")
     return Outcome(path, response)
-
-
-def target(path: Path, folder: Path, extension: str) -> Path:
-    """Where what is made of a file goes."""
-    return folder / f"{path.stem}-symmetries{extension}"
 
 
 @contextmanager
@@ -149,14 +136,14 @@ def _ask(client: "Client", task: Task, path: Path) -> Outcome:
         response = client.detect(path, include=task.include, **options)
         if task.glb_folder is not None:
             data = client.export(path, "glb", **options)
-            target(path, task.glb_folder, ".glb").write_bytes(data)
+            task.write(path, task.glb_folder, ".glb", data)
         if task.png_folder is not None:
             from app.outputs.png import picture
             from model.formats.conversion import as_mesh
 
             mesh = as_mesh(path)
             drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)
-            target(path, task.png_folder, ".png").write_bytes(drawn)
+            task.write(path, task.png_folder, ".png", drawn)
     except OSError as error:
         return Outcome(path, None, error.strerror or str(error))
     except ClientError as error:

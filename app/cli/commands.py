@@ -1,21 +1,20 @@
-"""The command line: ``prsnet detect``, ``complete``, ``halve``, ``serve``, ``warmup``.
+"""The command line: ``prsnet detect``, ``complete``, ``halve``, ``align``, ``twins``, ``serve``, ``warmup``.
 
 Exit codes: 0 all went well; 1 some files failed, or the server could not start; 2 wrong usage; 3 no file had an answer;
 4 the service of ``--url`` is not there; 130 interrupted.
 """
 
 import time
-from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from app.cli import editing
 from app.cli.batch import Outcome, Task
+from app.cli.options import ApiKey, Exit, MaxError, Overwrite, Url, Weights, load, require_max_error
+from app.cli.twins import twins
 from app.schemas import Include, LevelName, Mode
-
-if TYPE_CHECKING:
-    from app.detection import SymmetryDetector
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -24,25 +23,6 @@ app = typer.Typer(
     epilog="Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all files failed, "
     "4 the service of --url is not there.",
 )
-
-
-class Exit(IntEnum):
-    """What the process tells a script."""
-
-    OK = 0
-    SOME_FAILED = 1
-    USAGE = 2
-    ALL_FAILED = 3
-    NO_SERVICE = 4
-
-
-Weights = Annotated[str, typer.Option(help='"default", "paper", or the path of a .safetensors file.')]
-Url = Annotated[str | None, typer.Option(help="Address of a running service to ask instead of computing here.")]
-ApiKey = Annotated[str | None, typer.Option(envvar="PRSNET_API_KEY", help="Key for that service, if it wants one.")]
-MeshFile = Annotated[Path, typer.Argument(help="Mesh file.")]
-OutputFile = Annotated[Path, typer.Option("--output", "-o", help="File to write: .ply, .glb, .obj or .stl.")]
-Offset = Annotated[float, typer.Option(help="With --normal: the plane is normal·x + offset = 0.")]
-MaxError = Annotated[float, typer.Option(help="Largest symmetry error, unit frame (at most 1).")]
 
 
 @app.command()
@@ -79,7 +59,7 @@ def serve(
 def detect(
     files: Annotated[
         list[str],
-        typer.Argument(metavar="FILE...", help="Mesh files, folders of them, patterns.", show_default=False),
+        typer.Argument(metavar="FILE...", help="Mesh files, folders of them, patterns, - for standard input."),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="JSON as POST /detect answers; a list if several.")] = False,
     as_lines: Annotated[bool, typer.Option("--jsonl", help="JSON, one line a file, as soon as it is there.")] = False,
@@ -87,7 +67,11 @@ def detect(
     as_bop: Annotated[bool, typer.Option("--bop", help="A models_info.json for a BOP data set.")] = False,
     glb: Annotated[bool, typer.Option("--glb", help="Also write NAME-symmetries.glb with planes and axes.")] = False,
     png: Annotated[bool, typer.Option("--png", help="Also write a picture NAME-symmetries.png.")] = False,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for these files.")] = Path(),
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for these files; without them, file for the result itself."),
+    ] = None,
+    overwrite: Overwrite = False,
     up: Annotated[str | None, typer.Option(help="Which axis points up in pictures: y or z.")] = None,
     mode: Annotated[Mode, typer.Option(help="full: refined; paper: the network's own output.")] = "full",
     max_error: MaxError = 4e-4,
@@ -103,15 +87,17 @@ def detect(
     url: Url = None,
     api_key: ApiKey = None,
 ) -> None:
-    """Find the symmetries of mesh files. Results go to standard output, what failed is listed on standard error.
+    """Find the symmetries of mesh files. Results go to standard output or -o, what failed is listed on standard error.
+
+    Files of the same name in different folders keep their folders in the names of what is written.
 
     Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all failed, 4 the service is not there.
     """
-    from app.cli import batch
-    from app.cli.listing import Format, Listing
+    from app.cli import batch, inputs
+    from app.cli.listing import Format, Listing, format_of
     from app.settings import available_cores
 
-    _require_max_error(max_error)
+    require_max_error(max_error)
     if tolerance is not None and not 0 < tolerance <= 1e60:
         raise typer.BadParameter("must be more than 0", param_hint="--tolerance")
     if as_json + as_lines + as_csv + as_bop > 1:
@@ -119,115 +105,57 @@ def detect(
     if up not in (None, "y", "z"):
         raise typer.BadParameter("must be y or z", param_hint="--up")
     format: Format = "json" if as_json else "jsonl" if as_lines else "csv" if as_csv else "bop" if as_bop else "table"
+    as_bop = as_bop or (output is not None and not (glb or png) and format_of(output) == "bop")
     wanted: dict[Include, bool] = {"rejected": rejected, "bop": as_bop}
     include: list[Include] = [name for name, asked in wanted.items() if asked]
+    file, folder = None, Path()
     if glb or png:
-        output.mkdir(parents=True, exist_ok=True)
-    task = Task(
-        mode=mode,
-        max_error=max_error,
-        include=tuple(include),
-        level=level,
-        tolerance=tolerance,
-        glb_folder=output if glb else None,
-        png_folder=output if png else None,
-        up=up,
-        weights=weights,
-        url=url,
-        api_key=api_key,
-    )
-    paths, failed = batch.expand(files)
+        folder = output or Path()
+    elif output is not None:
+        file = output
+        format = format if format != "table" else format_of(file) or "table"
+        if format == "table" or file.is_dir():
+            raise typer.BadParameter(
+                "names a file for --json, --jsonl, --csv or --bop, or a folder for --glb and --png",
+                param_hint="--output",
+            )
     if url is None:
-        _load(weights)  # what is wrong with the weights is wrong for all files
-    listing = Listing(format, many=len(paths) > 1, include=include)
-    outcomes: list[Outcome] = list(failed)
-    with listing.progress(len(paths)) as advance:
-        for outcome in batch.run(paths, task, jobs or min(available_cores(), max(1, len(paths)))):
-            outcomes.append(outcome)
-            listing.add(outcome)
-            advance()
-    listing.end()
+        load(weights)  # what is wrong with the weights is wrong for all files
+    with inputs.standard_input(files) as names:
+        paths, missing = inputs.expand(names)
+        shown = inputs.unlike(paths, lambda path: path.stem)
+        task = Task(
+            mode=mode,
+            max_error=max_error,
+            include=tuple(include),
+            level=level,
+            tolerance=tolerance,
+            glb_folder=folder if glb else None,
+            png_folder=folder if png else None,
+            up=up,
+            weights=weights,
+            url=url,
+            api_key=api_key,
+            names={path: name for path, name in shown.items() if name != path.stem},
+        )
+        written = [place for path in paths for place in task.targets(path)]
+        inputs.require_free(written if file is None else [*written, file], overwrite)
+        keys = inputs.unlike(paths, batch.bop_key)
+        listing = Listing(format, many=len(paths) > 1, include=include, keys=keys, file=file)
+        outcomes = [Outcome(path, None, reason) for path, reason in missing]
+        with listing.progress(len(paths)) as advance:
+            for outcome in batch.run(paths, task, jobs or min(available_cores(), max(1, len(paths)))):
+                outcomes.append(outcome)
+                listing.add(outcome)
+                advance()
+        listing.end()
     raise typer.Exit(_report_failures(outcomes))
 
 
-@app.command()
-def complete(
-    file: MeshFile,
-    output: OutputFile,
-    normal: Annotated[str | None, typer.Option(help="Plane to mirror at, as x,y,z (default: the best found).")] = None,
-    offset: Offset = 0.0,
-    symmetrize: Annotated[bool, typer.Option("--symmetrize", help="Also average both halves.")] = False,
-    max_error: MaxError = 4e-4,
-    weights: Weights = "default",
-    url: Url = None,
-    api_key: ApiKey = None,
-) -> None:
-    """Complete a mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
-    from app import local
-    from app.client.client import Client
-    from app.client.errors import ClientError, UnreachableError
-    from model.errors import MeshError
-
-    _require_max_error(max_error)
-    plane = _plane(normal, offset)
-    try:
-        format = local.mesh_format(output)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--output") from error
-    options: dict[str, Any] = {"plane": plane, "symmetrize": symmetrize, "max_error": max_error}
-    try:
-        if url is None:
-            _load(weights)
-            done = local.complete(file, weights=weights, **options)
-        else:
-            with Client(url, api_key=api_key) as client:
-                done = client.complete(file, format=format, **options)
-        done.save(output)
-    except (OSError, MeshError, ClientError) as error:
-        typer.echo(f"{file}: {_reason(error)}", err=True)
-        raise typer.Exit(Exit.NO_SERVICE if isinstance(error, UnreachableError) else Exit.SOME_FAILED) from error
-    what = done.completion
-    typer.echo(
-        f"{output}: {what.faces_kept} faces kept, {what.faces_added} added "
-        f"({100 * what.area_added:.1f} % of the surface); seam closed over {what.seam_distance:.2g}; "
-        f"plane with an error of {what.plane.symmetry_error:.1e}"
-    )
-
-
-@app.command()
-def halve(
-    file: MeshFile,
-    output: OutputFile,
-    normal: Annotated[str | None, typer.Option(help="Plane to cut at, as x,y,z (default: the best found).")] = None,
-    offset: Offset = 0.0,
-    other: Annotated[bool, typer.Option("--other", help="Keep the side the normal points away from.")] = False,
-    max_error: MaxError = 4e-4,
-    weights: Weights = "default",
-) -> None:
-    """Keep one half of a symmetric mesh, cut exactly at the plane and open there."""
-    from app import local
-    from model.errors import MeshError
-
-    _require_max_error(max_error)
-    plane: Any = _plane(normal, offset)
-    try:
-        writer = local.writer_for(output)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--output") from error
-    try:
-        if plane is None:
-            _load(weights)
-            planes = local.detect(file, max_error=max_error, weights=weights).planes
-            if not planes:
-                typer.echo(f"{file}: no mirror plane has an error of at most {max_error:g}", err=True)
-                raise typer.Exit(Exit.SOME_FAILED)
-            plane = planes[0]
-        vertices, faces = local.halve(file, plane, positive=not other)
-        output.write_bytes(writer.file(vertices, faces))
-    except (OSError, MeshError) as error:
-        typer.echo(f"{file}: {_reason(error)}", err=True)
-        raise typer.Exit(Exit.SOME_FAILED) from error
-    typer.echo(f"{output}: {len(faces)} faces")
+app.command()(editing.complete)
+app.command()(editing.halve)
+app.command()(editing.align)
+app.command()(twins)
 
 
 @app.command()
@@ -237,7 +165,7 @@ def warmup(weights: Weights = "default") -> None:
     from app.workers import warmup as kernels
 
     started = time.perf_counter()
-    detector = _load(weights)
+    detector = load(weights)
     kernels.warm_up(detector)
     loaded = time.perf_counter()
     filename, data = kernels.sample_files()[0]
@@ -247,37 +175,6 @@ def warmup(weights: Weights = "default") -> None:
         f"a box has {len(response.planes)} planes and {len(response.axes)} axes, "
         f"found in {response.timings_ms.total:.1f} ms"
     )
-
-
-def _load(weights: str) -> "SymmetryDetector":
-    from app import local
-    from model.errors import CheckpointError
-
-    try:
-        return local.detector_of(weights)
-    except CheckpointError as error:
-        raise typer.BadParameter(str(error), param_hint="--weights") from error
-
-
-def _require_max_error(max_error: float) -> None:
-    if not 0 < max_error <= 1:
-        raise typer.BadParameter("must be over 0 and at most 1", param_hint="--max-error")
-
-
-def _plane(normal: str | None, offset: float) -> list[float] | None:
-    """The plane of two options, as four numbers."""
-    from pydantic import ValidationError
-
-    from app.schemas import CompleteQuery
-
-    try:
-        return CompleteQuery(normal=normal, offset=offset if normal is not None else None).plane
-    except ValidationError as error:
-        raise typer.BadParameter(error.errors()[0]["msg"], param_hint="--normal") from error
-
-
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error)
 
 
 def _report_failures(outcomes: list[Outcome]) -> Exit:

@@ -1,16 +1,17 @@
-"""What ``prsnet detect`` prints about many files: a table for people, or one of the formats for programs."""
+"""What ``prsnet detect`` says about many files: a table for people, or one of the formats for programs."""
 
 import json
 import sys
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Callable, Collection, Generator, Mapping
 from contextlib import contextmanager
-from typing import Any, Literal, TypeAlias
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from app.cli.batch import Outcome, bop_key, named
+from app.cli.batch import Outcome, named
 from app.cli.tables import print_report
 from app.outputs import bop, csv_rows
 from app.schemas import DetectResponse, Include, to_json
@@ -18,15 +19,38 @@ from app.schemas import DetectResponse, Include, to_json
 Format: TypeAlias = Literal["table", "json", "jsonl", "csv", "bop"]
 
 
-class Listing:
-    """Takes outcomes and prints the answers: at once where the format allows it, at the end otherwise."""
+def format_of(path: Path) -> Format | None:
+    """The format that a file's name asks for, if it does."""
+    name = path.suffix[1:].lower()
+    return next((format for format in get_args(Format) if format == name), None)
 
-    def __init__(self, format: Format, *, many: bool, include: Collection[Include]) -> None:
+
+class Listing:
+    """Takes outcomes and lists the answers: at once where the format allows it, at the end otherwise.
+
+    ``keys`` are the names of entries by file, for a format that has them; ``file`` is where to write instead of to
+    standard output.
+    """
+
+    def __init__(
+        self,
+        format: Format,
+        *,
+        many: bool,
+        include: Collection[Include],
+        keys: Mapping[Path, str],
+        file: Path | None = None,
+    ) -> None:
         self._format: Format = format
         self._many = many
         self._include = include
+        self._keys = keys
+        self._file = file
         self._kept: list[DetectResponse] = []
         self._entries: dict[str, Any] = {}
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(b"")  # what cannot be written is told before anything is computed
 
     @contextmanager
     def progress(self, count: int) -> Generator[Callable[[], None], None, None]:
@@ -42,7 +66,7 @@ class Listing:
             yield lambda: bar.advance(task)
 
     def add(self, outcome: Outcome) -> None:
-        """One outcome; those without an answer are not printed here."""
+        """One outcome; those without an answer are not listed here."""
         response = outcome.response
         if response is None:
             return
@@ -51,20 +75,27 @@ class Listing:
         if self._format == "table":
             print_report(response)
         elif self._format == "jsonl":
-            typer.echo(to_json(response, self._include))
+            self._write(to_json(response, self._include) + b"\n")
         elif self._format == "bop":
-            self._entries[bop_key(outcome.path)] = json.loads(bop.write(response))
+            self._entries[self._keys[outcome.path]] = json.loads(bop.write(response))
         else:
             self._kept.append(response)
 
     def end(self) -> None:
-        """Print what waited for the last file."""
+        """List what waited for the last file."""
         if self._format == "json" and self._kept:
-            texts = [to_json(response, self._include).decode() for response in self._kept]
-            typer.echo("[" + ",\n".join(texts) + "]" if self._many else texts[0])
+            texts = [to_json(response, self._include) for response in self._kept]
+            self._write((b"[" + b",\n".join(texts) + b"]" if self._many else texts[0]) + b"\n")
         elif self._format == "json" and self._many:
-            typer.echo("[]")
+            self._write(b"[]\n")
         elif self._format == "csv":
-            typer.echo(csv_rows.write(self._kept), nl=False)
+            self._write(csv_rows.write(self._kept))
         elif self._format == "bop":
-            typer.echo(json.dumps(self._entries, indent=2))
+            self._write(json.dumps(self._entries, indent=2).encode() + b"\n")
+
+    def _write(self, text: bytes) -> None:
+        if self._file is None:
+            typer.echo(text.decode(), nl=False)
+            return
+        with self._file.open("ab") as file:
+            file.write(text)

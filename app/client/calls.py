@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeVar, Union
 import httpx
 from pydantic import ValidationError
 
+from app.client.companions import companions
 from app.client.errors import UnexpectedAnswerError, UnreachableError, for_problem
 from app.planes import PlaneLike, plane_numbers
 from app.schemas import (
@@ -32,8 +33,9 @@ if TYPE_CHECKING:
     from model.formats.conversion import MeshLike
 
 FIELD = "file"
-Source: TypeAlias = Union["MeshLike", tuple[str, bytes]]
-"""What a client can send: see `model.meshes.mesh.MeshLike`; or a file name and the file's bytes."""
+Source: TypeAlias = Union["MeshLike", tuple[str, bytes], Mapping[str, bytes]]
+"""What a client can send: see `model.formats.conversion.MeshLike`, where the path of a .gltf file brings the files it
+refers to; or a file name and the file's bytes; or several by name, of which one is a mesh."""
 
 _WORTH_ANOTHER_TRY = frozenset({429, 503})
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 30.0
@@ -74,24 +76,29 @@ class Call:
         with ExitStack() as stack:
             given: dict[str, Any] = {"params": self.query}
             if self.source is not None:
-                name, content = _upload(self.source, stack)
-                given["files"] = {FIELD: (name, content, "application/octet-stream")}
+                given["files"] = [
+                    (FIELD, (name, content, "application/octet-stream"))
+                    for name, content in _upload(self.source, stack)
+                ]
             if self.accept:
                 given["headers"] = {"Accept": self.accept}
             yield given
 
 
-def _upload(source: Source, stack: ExitStack) -> tuple[str, bytes | BinaryIO]:
+def _upload(source: Source, stack: ExitStack) -> list[tuple[str, bytes | BinaryIO]]:
+    """Names and contents of the files to send."""
+    if isinstance(source, Mapping):
+        return list(source.items())
     if isinstance(source, tuple) and len(source) == 2 and isinstance(source[0], str) and isinstance(source[1], bytes):
-        return source[0], source[1]
+        return [(source[0], source[1])]
     if isinstance(source, str | os.PathLike):
         path = Path(source)
-        return path.name, stack.enter_context(path.open("rb"))
+        return [(item.name, stack.enter_context(item.open("rb"))) for item in (path, *companions(path))]
     from app.outputs.meshes import WRITERS  # here: numba takes a second to import, and files do not need it
     from model.formats.conversion import as_mesh
 
     mesh = as_mesh(source)
-    return "mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces)
+    return [("mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces, mesh.colors))]
 
 
 def detect_call(

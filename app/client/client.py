@@ -3,8 +3,9 @@
 >>> with Client("http://127.0.0.1:8000") as client:
 ...     client.detect("chair.obj").planes[0].matrix
 
-A mesh is a path, a ``trimesh`` object, ``(vertices, faces)``, or a file name and its bytes. Files are streamed from
-disk. Every call can be repeated without harm, so it is: when the service is overloaded or starting, and when the
+A mesh is a path, a ``trimesh`` object, ``(vertices, faces)``, a file name and its bytes, or several files by name of
+which one is a mesh. Files are streamed from disk; those that a .gltf file refers to go with it. Every call can be
+repeated without harm, so it is: when the service is overloaded or starting, and when the
 connection breaks before an answer came.
 """
 

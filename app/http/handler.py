@@ -71,6 +71,7 @@ async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) ->
             max_answer_bytes=settings.max_answer_bytes,
             cpu_s=settings.deadline_s,
             size=upload.size,
+            parts=[list(part) for part in upload.parts],
             place="inline" if upload.file is None else "descriptor",
             **wanted,
         )

@@ -27,8 +27,9 @@ Send a mesh, get its symmetries in the file's own coordinates:
 curl -F file=@chair.obj http://127.0.0.1:8000/detect
 ```
 
-**Formats**: STL, OBJ, PLY, OFF, GLB, glTF with embedded buffers, 3MF; told from the file's name, checked
-against its content.
+**Formats**: STL, OBJ, PLY, OFF, GLB, glTF, 3MF; told from the file's name, checked against its content.
+Files that a `.gltf` file refers to go beside it, in the same field:
+`curl -F file=@chair.gltf -F file=@chair.bin URL`.
 
 The answer is JSON. `format=`, or the header Accept, asks for an annotated GLB to look at, a BOP `models_info.json`
 entry, SHREC text, or CSV.
@@ -116,9 +117,11 @@ _UPLOAD_BODY = {
                 "required": [FIELD],
                 "properties": {
                     FIELD: {
-                        "type": "string",
-                        "format": "binary",
-                        "description": "The mesh. Its file name's extension tells the format.",
+                        "type": "array",
+                        "items": {"type": "string", "format": "binary"},
+                        "minItems": 1,
+                        "description": "The mesh; its file name's extension tells the format. Files that it refers "
+                        "to may follow, in the same field.",
                     }
                 },
             }

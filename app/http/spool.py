@@ -9,12 +9,16 @@ _PIECE = 256 * 1024  # so little at a time that writing it does not hold up the 
 
 @dataclass(frozen=True, slots=True)
 class Upload:
-    """An uploaded file: its sanitised base name, its size, and its bytes or the file they are in."""
+    """What was uploaded: the mesh's sanitised base name, and the bytes of all files or the file they are in.
+
+    ``parts`` are name and size of every file in the order of its bytes; empty where the mesh came alone.
+    """
 
     filename: str
     size: int
     data: bytes
     file: BinaryIO | None = None
+    parts: tuple[tuple[str, int], ...] = ()
 
     @property
     def source(self) -> bytes | int:
@@ -49,12 +53,12 @@ class Spool:
         if len(self._buffer) > (self._memory_limit if self._file is None else _PIECE):
             self._flush()
 
-    def finish(self, filename: str) -> Upload:
+    def finish(self, filename: str, parts: tuple[tuple[str, int], ...] = ()) -> Upload:
         """The upload; it is now the caller's to close."""
         if self._file is None:
-            return Upload(filename, len(self._buffer), bytes(self._buffer))
+            return Upload(filename, len(self._buffer), bytes(self._buffer), parts=parts)
         self._flush()
-        return Upload(filename, self._written, b"", self._file)
+        return Upload(filename, self._written, b"", self._file, parts)
 
     def close(self) -> None:
         """Forget everything."""

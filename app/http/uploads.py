@@ -1,4 +1,4 @@
-"""Reads one mesh file out of a multipart/form-data request while it streams in.
+"""Reads one mesh, with the files it refers to, out of a multipart/form-data request while it streams in.
 
 Bytes are counted as they arrive. A small file stays in memory, a larger one goes to disk
 (``app.http.spool``); a client that sends too slowly is told so.
@@ -15,6 +15,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from app.http.spool import Spool, Upload
 from app.problems import MALFORMED, OVERLOADED, UPLOAD_TOO_LARGE, UPLOAD_TOO_SLOW, ProblemError
 from app.settings import Settings
+from model.formats import SUPPORTED_FORMATS
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 FIELD = "file"
 _CURL = "curl -F file=@chair.obj URL"
 _MAX_NAME = 255
+_MOST_FILES = 64
+_LONGEST_NAMES = 8192  # bytes of all together: they go to a worker in one small frame
 
 
 def base_name(name: str) -> str:
@@ -35,7 +38,8 @@ def base_name(name: str) -> str:
 
 
 def _malformed(detail: str) -> ProblemError:
-    return ProblemError(MALFORMED, f"{detail} Send one mesh as multipart/form-data: {_CURL}.")
+    how = f"Send one mesh as multipart/form-data: {_CURL}; files that it refers to may go beside it."
+    return ProblemError(MALFORMED, f"{detail} {how}")
 
 
 def _too_large(limit: int) -> ProblemError:
@@ -43,11 +47,12 @@ def _too_large(limit: int) -> ProblemError:
 
 
 class _Form:
-    """Collects the only part a request may have: the field ``file`` with a file name."""
+    """Collects the parts a request may have: the field ``file`` with a file name, once or several times."""
 
     def __init__(self, boundary: bytes, spool: Spool) -> None:
-        self.filename: str | None = None
         self.complete = False
+        self._names: list[str] = []
+        self._sizes: list[int] = []
         self._spool = spool
         self._header_name = b""
         self._header_value = b""
@@ -88,17 +93,42 @@ class _Form:
             )
         if b"filename" not in options:
             raise _malformed(f'The field "{FIELD}" has no file name, and the format is told from its extension.')
-        if self.filename is not None:
-            raise _malformed("The form has several files.")
-        self.filename = base_name(options[b"filename"].decode("utf-8", "replace"))
-        if not self.filename:
+        name = base_name(options[b"filename"].decode("utf-8", "replace"))
+        if not name:
             raise _malformed(f'The field "{FIELD}" has an empty file name, and the format is told from its extension.')
+        if len(self._names) == _MOST_FILES or len("".join([*self._names, name]).encode()) > _LONGEST_NAMES:
+            raise _malformed(f"The form has more than {_MOST_FILES} files, or longer names than those may have.")
+        if name.casefold() in {other.casefold() for other in self._names}:
+            raise _malformed("The form has several files of one name.")
+        self._names.append(name)
+        self._sizes.append(0)
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
+        self._sizes[-1] += end - start
         self._spool.write(memoryview(data)[start:end])
 
     def _end(self) -> None:
         self.complete = True
+
+    def mesh(self) -> str:
+        """The name of the one file that is a mesh; the others are what it refers to.
+
+        Raises:
+            ProblemError: there is none, or there are several.
+        """
+        if not self._names:
+            raise _malformed(f'The form has no field "{FIELD}".')
+        if len(self._names) == 1:
+            return self._names[0]
+        meshes = [name for name in self._names if name.rpartition(".")[2].lower() in SUPPORTED_FORMATS]
+        if len(meshes) != 1:
+            found = "several files that are meshes" if meshes else "several files, none of which is a mesh"
+            raise _malformed(f"The form has {found}.")
+        return meshes[0]
+
+    def parts(self) -> tuple[tuple[str, int], ...]:
+        """Name and size of every file, if there are several."""
+        return tuple(zip(self._names, self._sizes, strict=True)) if len(self._names) > 1 else ()
 
 
 def _declared_length(request: Request) -> int:
@@ -108,7 +138,7 @@ def _declared_length(request: Request) -> int:
 
 
 async def read_upload(request: Request, settings: Settings) -> Upload:
-    """The file of a multipart request whose body is at most ``settings.max_upload_bytes``; the caller closes it.
+    """The files of a multipart request whose body is at most ``settings.max_upload_bytes``; the caller closes it.
 
     A larger ``Content-Length`` is refused before anything is read, a larger body once the limit is passed.
 
@@ -124,8 +154,8 @@ async def read_upload(request: Request, settings: Settings) -> Upload:
         raise _too_large(settings.max_upload_bytes)
     spool = Spool(settings.spool_bytes, settings.spool_dir)
     try:
-        name = await _receive(request, options[b"boundary"], spool, settings)
-        return spool.finish(name)
+        form = await _receive(request, options[b"boundary"], spool, settings)
+        return spool.finish(form.mesh(), form.parts())
     except FormParserError as error:
         spool.close()
         raise _malformed("The multipart body is not well formed.") from error
@@ -139,8 +169,8 @@ async def read_upload(request: Request, settings: Settings) -> Upload:
         raise
 
 
-async def _receive(request: Request, boundary: bytes, spool: Spool, settings: Settings) -> str:
-    """Feed the body to the spool; the file's name."""
+async def _receive(request: Request, boundary: bytes, spool: Spool, settings: Settings) -> _Form:
+    """Feed the body to the spool; what the form told about it."""
     form = _Form(boundary, spool)
     received = 0
     end = asyncio.get_running_loop().time() + settings.upload_s
@@ -162,6 +192,4 @@ async def _receive(request: Request, boundary: bytes, spool: Spool, settings: Se
         form.feed(chunk)
     if not form.complete:
         raise _malformed("The multipart body ends before its closing boundary." if received else "The body is empty.")
-    if form.filename is None:
-        raise _malformed(f'The form has no field "{FIELD}".')
-    return form.filename
+    return form

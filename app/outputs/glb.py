@@ -13,7 +13,8 @@ import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
 from app.schemas import Axis, DetectResponse, Plane
-from model.types import AnyArray, FloatArray, IntArray
+from model.meshes.colors import to_linear
+from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 _U16, _U32, _F32 = 5123, 5125, 5126
 _SIDES = 12
@@ -72,12 +73,13 @@ def _placement(bounds: list[list[float]]) -> tuple[FloatArray, float]:
     return (low + high) / 2.0, 1.0 if _ORDINARY[0] < extent < _ORDINARY[1] else extent
 
 
-def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]]) -> bytes:
+def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]], colors: ByteArray | None = None) -> bytes:
     origin, scale = _placement(bounds)
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):  # in vertices that no face uses
         points = ((vertices - origin) / scale).astype("<f4")
     points[~np.isfinite(points).all(axis=1)] = 0.0
-    return points.tobytes() + faces.astype("<u4").tobytes()
+    geometry = points.tobytes() + faces.astype("<u4").tobytes()
+    return geometry if colors is None else geometry + to_linear(colors).astype("<u2").tobytes()
 
 
 def _size(vertices: int, faces: int) -> int:
@@ -113,7 +115,9 @@ def annotated_head(response: DetectResponse, body: bytes) -> bytes:
 
 
 def _compose(counts: Counts, body: bytes, marks: list[dict[str, Any]], extras: dict[str, Any]) -> bytes:
-    require(len(body) == _size(counts.vertices, counts.faces), "a body of another size")
+    size = _size(counts.vertices, counts.faces)
+    colored = len(body) == size + 8 * counts.vertices
+    require(colored or len(body) == size, "a body of another size")
     points = np.frombuffer(body, "<f4", 3 * counts.vertices).reshape(-1, 3)
     faces = np.frombuffer(body, "<u4", 3 * counts.faces, 12 * counts.vertices)
     require_numbers(points)
@@ -127,18 +131,41 @@ def _compose(counts: Counts, body: bytes, marks: list[dict[str, Any]], extras: d
         views.append({"buffer": 0, "byteOffset": len(data) + (12 * counts.vertices if kind == _U32 else 0)})
         views[-1]["byteLength"] = values.nbytes
         accessors.append(_accessor(len(views) - 1, values, kind))
+    attributes = {"POSITION": first}
+    if colored:
+        views.append({"buffer": 0, "byteOffset": len(data) + size, "byteLength": 8 * counts.vertices})
+        accessors.append(
+            {
+                "bufferView": len(views) - 1,
+                "componentType": _U16,
+                "normalized": True,
+                "count": counts.vertices,
+                "type": "VEC4",
+            }
+        )
+        attributes["COLOR_0"] = first + 2
     shapes = [(first, 0)] + ([(0, 1), (0, 2), (2, 3), (2, 4)] if marks else [])
     nodes = [{"name": "mesh", "mesh": 0, "matrix": _columns(matrix), "extras": extras}, *marks]
+    # Colours of vertices are multiplied by that of the material: it is white where there are some.
+    materials = [[1.0] * 4 if colored else _GREY, *(_MATERIALS[1:] if marks else ())]
     document = {
         "asset": {"version": "2.0", "generator": "prsnet"},
         "scene": 0,
         "scenes": [{"nodes": list(range(len(nodes)))}],
         "nodes": nodes,
         "meshes": [
-            {"primitives": [{"attributes": {"POSITION": accessor}, "indices": accessor + 1, "material": material}]}
+            {
+                "primitives": [
+                    {
+                        "attributes": attributes if material == 0 else {"POSITION": accessor},
+                        "indices": accessor + 1,
+                        "material": material,
+                    }
+                ]
+            }
             for accessor, material in shapes
         ],
-        "materials": [_material(colour) for colour in _MATERIALS[: 5 if marks else 1]],
+        "materials": [_material(colour) for colour in materials],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(data) + len(body)}],

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 
 class BodyError(Exception):
@@ -27,21 +27,22 @@ class MeshWriter:
 
     Attributes:
         media_type: what HTTP calls it.
-        body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32 as bytes; raises ``MeshError`` where they do not fit.
+        body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32, and colours ``(v, 4)`` uint8 if there are any and the
+            format has them, as bytes; raises ``MeshError`` where they do not fit.
         head: what stands before it. Raises `BodyError` when the body is not such a geometry: of another size, with
             numbers that are none, with indices out of range.
-        size: bytes of the body, or more, by the numbers of vertices and faces.
+        size: bytes of the body without colours, or more, by the numbers of vertices and faces.
     """
 
     media_type: str
-    body: Callable[[FloatArray, IntArray, list[list[float]]], bytes]
+    body: Callable[[FloatArray, IntArray, list[list[float]], ByteArray | None], bytes]
     head: Callable[[Counts, bytes], bytes]
     size: Callable[[int, int], int]
 
-    def file(self, vertices: FloatArray, faces: IntArray) -> bytes:
+    def file(self, vertices: FloatArray, faces: IntArray, colors: ByteArray | None = None) -> bytes:
         """The whole file."""
         bounds = bounds_of(vertices, faces)
-        body = self.body(vertices, faces, bounds)
+        body = self.body(vertices, faces, bounds, colors)
         return self.head(Counts(len(vertices), len(faces), bounds), body) + body
 
 

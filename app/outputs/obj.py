@@ -1,14 +1,20 @@
 """OBJ text: all digits of the coordinates, shared vertices."""
 
+import numpy as np
+
 from app.outputs.mesh_file import Counts, MeshWriter, require
-from model.types import FloatArray, IntArray
+from model.types import ByteArray, FloatArray, IntArray
 
 _ALPHABET = b"vf 0123456789.e+-\n"
 _HEAD = b"# written by prsnet\n"
 
 
-def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]]) -> bytes:
-    points = "v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
+def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]], colors: ByteArray | None = None) -> bytes:
+    if colors is None:
+        points = "v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
+    else:  # behind the position, as many programs read and write them
+        numbers = np.concatenate([vertices, np.round(colors[:, :3] / 255.0, 4)], axis=1)
+        points = "v %r %r %r %r %r %r\n" * len(vertices) % tuple(numbers.ravel().tolist())
     corners = "f %d %d %d\n" * len(faces) % tuple((faces.ravel() + 1).tolist())
     return (points + corners).encode()
 

@@ -9,7 +9,9 @@ from app.outputs.meshes import WRITERS
 from app.schemas import to_json
 from app.workers.wire import Job
 from model.errors import MeshTooLargeError
-from model.types import FloatArray, IntArray
+from model.formats import no_resources
+from model.formats.conversion import files_at_hand
+from model.meshes.mesh import Mesh
 
 
 def perform(
@@ -20,26 +22,28 @@ def perform(
     Raises:
         model.errors.MeshError: the mesh is to blame.
     """
+    data, files = job.files(data)
+    resources = files_at_hand(files) if files else no_resources
     limits = MeshLimits(job.max_vertices, job.max_faces, job.max_nodes, job.max_unpacked_bytes)
     if job.task == "complete":
         options = CompleteOptions(job.plane, job.symmetrize, job.max_error)
-        answer, vertices, faces = complete_file(detector, data, job.filename, options, limits, on_parsed)
-        body = _body(WRITERS[job.geometry or "ply"], vertices, faces, answer.mesh.bounds, job.max_answer_bytes)
+        answer, mesh = complete_file(detector, data, job.filename, options, limits, on_parsed, resources)
+        body = _body(WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, job.max_answer_bytes)
         return answer.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
-    response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed)
+    response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed, resources)
     text = to_json(response, options.include)
     if job.geometry is None:
         return text, None
-    body = _body(WRITERS[job.geometry], mesh.vertices, mesh.faces, response.mesh.bounds, job.max_answer_bytes)
+    body = _body(WRITERS[job.geometry], mesh, response.mesh.bounds, job.max_answer_bytes)
     return text, body
 
 
-def _body(writer: MeshWriter, vertices: FloatArray, faces: IntArray, bounds: list[list[float]], most: int) -> bytes:
+def _body(writer: MeshWriter, mesh: Mesh, bounds: list[list[float]], most: int) -> bytes:
     # Small files may announce the largest size without having it, hence the second look.
-    if writer.size(len(vertices), len(faces)) > most and writer.media_type != "model/obj":
+    if writer.size(len(mesh.vertices), len(mesh.faces)) > most and writer.media_type != "model/obj":
         raise MeshTooLargeError(_too_large(most))
-    body = writer.body(vertices, faces, bounds)
+    body = writer.body(mesh.vertices, mesh.faces, bounds, mesh.colors)
     if len(body) > most:
         raise MeshTooLargeError(_too_large(most))
     return body

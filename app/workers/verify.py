@@ -80,6 +80,9 @@ def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMe
     _require(_is_unit(done.plane.normal) and _in_range([done.plane.offset]), "a plane that is none")
     _require(done.plane.detected == (job.plane is None), "a plane nobody asked for")
     _require(done.symmetrized == job.symmetrize, "another task's answer")
+    _require(len(done.warnings) <= _MOST_WARNINGS, "too many warnings")
+    # They go into a header, which knows no other letters.
+    _require(all(_is_sentence(text) and text.isascii() for text in done.warnings), "text that is no sentence")
     counts = (done.vertices_kept, done.faces_kept, done.vertices_added, done.faces_added)
     _require(max(counts) <= _GROWTH * max(job.max_faces, job.max_vertices), "an impossible number of faces")
     _require(done.area_added <= _LARGEST_SHARE and _in_range([done.tolerance, done.seam_distance]), "no measures")

@@ -13,7 +13,7 @@ from app.detection import SymmetryDetector
 from app.schemas import Include, MeshFormat, Mode
 from app.workers.jobs import perform
 from app.workers.wire import Job
-from model.formats import read_mesh
+from model.formats import read_mesh, warm_up_kernels
 
 _CORNERS = [(x, 2 * y, 3 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 # Quadrilaterals and triangles, because readers treat faces of one size and of several sizes differently.
@@ -35,6 +35,7 @@ def warm_up(detector: SymmetryDetector) -> None:
     detector.warm_up()
     for name, data in sample_files():
         read_mesh(data, name)
+    warm_up_kernels()
     for job, data in sample_jobs():
         perform(detector, job, data)
     for module in pkgutil.iter_modules(encodings.__path__):
@@ -75,6 +76,7 @@ def sample_files() -> list[tuple[str, bytes]]:
             "triangles.ply",
             f"{_PLY_HEADER.format('ascii', len(_SPLIT))}{corners}\n{only_triangles}\n".encode(),
         ),
+        ("broken_lines.ply", f"{_PLY_HEADER.format('ascii', len(_MIXED))}{corners} {_words(_MIXED)}\n".encode()),
         ("mixed_binary.ply", _binary_ply(_MIXED)),
         ("triangles_binary.ply", _binary_ply(_SPLIT)),
         ("ascii.stl", _ascii_stl()),
@@ -84,6 +86,10 @@ def sample_files() -> list[tuple[str, bytes]]:
 
 def _lines(rows: Iterable[tuple[int, ...]], between: str = "\n") -> str:
     return between.join(" ".join(map(str, row)) for row in rows)
+
+
+def _words(faces: list[tuple[int, ...]]) -> str:
+    return " ".join(f"{len(face)} {' '.join(map(str, face))}" for face in faces)
 
 
 def _obj_faces() -> str:

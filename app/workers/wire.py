@@ -9,7 +9,7 @@ import json
 import os
 import socket
 import struct
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from app.schemas import Include, LevelName, MeshFormat, Mode
@@ -35,7 +35,8 @@ class Job:
     """One file to work on. ``size`` bytes of it follow the frame, or lie in the descriptor that came with it.
 
     With ``geometry`` the answer is followed by a frame of kind `GEOMETRY`, the body of a file of that format.
-    ``plane``, unit normal and offset, and ``symmetrize`` are for completing.
+    ``plane``, unit normal and offset, and ``symmetrize`` are for completing. ``parts`` are name and size of every file
+    where several came, the mesh and what it refers to, one after the other in the bytes.
     """
 
     filename: str
@@ -56,6 +57,18 @@ class Job:
     max_answer_bytes: int = 0
     level: LevelName = "auto"
     tolerance: float | None = None
+    parts: list[list[Any]] = field(default_factory=list[list[Any]])
+
+    def files(self, data: bytes) -> tuple[bytes, dict[str, bytes]]:
+        """The mesh, and by name the other files that came with it."""
+        if not self.parts:
+            return data, {}
+        found: dict[str, bytes] = {}
+        at = 0
+        for name, size in self.parts:
+            found[name] = data[at : at + size]
+            at += size
+        return found.pop(self.filename), found
 
 
 @dataclass(frozen=True, slots=True)

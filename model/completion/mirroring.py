@@ -147,12 +147,42 @@ def _half(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: fl
     pieces = clipped.faces
     corners = np.append(height >= 0.0, np.ones(len(clipped.vertices) - len(height), dtype=np.bool_))
     pieces = pieces[corners[pieces].all(axis=1)]
-    result = np.concatenate([faces[above], pieces])
+    result = np.concatenate([_single_wall(vertices, faces[above], height, normal, rounding), pieces])
     if not len(result):
         raise DegenerateMeshError("Nothing of the mesh is on that side of the plane.")
     places = duplicate_vertex_map(clipped.vertices)[result]
     half, half_faces, _ = remove_unreferenced_vertices(clipped.vertices, places[nondegenerate_mask(places)])
     return half, half_faces
+
+
+def _single_wall(
+    vertices: FloatArray, faces: IntArray, height: FloatArray, normal: FloatArray, rounding: float
+) -> IntArray:
+    """Faces on the positive side without the other side's wall: two bodies that are glued have two walls in the plane.
+
+    The wall of the side that is kept faces away from it. A face that looks the other way is dropped where one of those
+    lies on the same place, and so is a face of which there is a copy.
+    """
+    lying = (height[faces] == 0.0).all(axis=1)
+    if lying.sum() < 2:
+        return faces
+    wall = faces[lying]
+    _, first = np.unique(np.sort(wall, axis=1), axis=0, return_index=True)
+    corners = vertices[wall]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ normal
+    own = np.flatnonzero(areas < 0.0)
+    keep = np.zeros(len(wall), dtype=np.bool_)
+    keep[first] = True
+    if len(own) and (areas > 0.0).any():
+        # Copies that look both ways: the one that looks away from this side is the one to keep.
+        _, mine = np.unique(np.sort(wall[own], axis=1), axis=0, return_index=True)
+        keep = areas > 0.0
+        keep[own[mine]] = True
+        other = np.flatnonzero(areas > 0.0)
+        index = SurfaceIndex(*remove_unreferenced_vertices(vertices, wall[own])[:2])
+        _, squared, _ = index.closest(np.ascontiguousarray(corners[other].mean(axis=1)))
+        keep[other[squared <= (2.0 * rounding) ** 2]] = False
+    return np.concatenate([faces[~lying], wall[keep]])
 
 
 def _averaged(

@@ -9,7 +9,7 @@ from model.errors import UnreadableMeshError
 from model.types import AnyArray
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MOST_ABSENT = 1 << 24  # values of an accessor without data, which a few bytes of JSON can ask for
 
 View: TypeAlias = Callable[[int], tuple[bytes, int, int, int]]

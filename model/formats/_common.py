@@ -1,12 +1,14 @@
-"""What all readers share: their result, the size limits, polygons to triangles."""
+"""What all readers share: their result, the size limits, indices."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from model._jit import jit, kernel_array
+from model._jit import kernel_array
 from model.errors import MeshTooLargeError, UnreadableMeshError
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 MOST_NODES = 1 << 20
 """Nodes, objects and placements of a scene, unless the caller says otherwise."""
@@ -17,11 +19,30 @@ MOST_UNPACKED_BYTES = 1 << 30
 
 @dataclass(frozen=True, slots=True)
 class RawMesh:
-    """What a file holds, not yet checked: (v, 3) vertices, (f, 3) faces, and the file's length unit if it names one."""
+    """What a file holds, not yet checked.
+
+    Attributes:
+        vertices: (v, 3).
+        faces: (f, 3).
+        units: the file's length unit, if it names one.
+        warnings: what was left out or guessed, as sentences that quote nothing of the file.
+        colors: (v, 4) uint8 sRGB with opacity, if there are any.
+    """
 
     vertices: AnyArray
     faces: AnyArray
     units: str | None = None
+    warnings: tuple[str, ...] = ()
+    colors: ByteArray | None = None
+
+
+Resources: TypeAlias = Callable[[str], bytes | None]
+"""The content of a file by the name that another one calls it; None for one that is not there."""
+
+
+def no_resources(name: str) -> None:
+    """There are no other files."""
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,28 +69,6 @@ def no_faces() -> IntArray:
     return np.empty((0, 3), dtype=np.int32)
 
 
-def fan(indices: AnyArray, lengths: AnyArray, limits: Limits) -> IntArray:
-    """Triangles (f, 3) of polygons, each as a fan around its first corner.
-
-    Args:
-        indices: corners of all polygons in a row, any number type.
-        lengths: corners of each; those with fewer than three have no triangle.
-        limits: checked before the triangles are made.
-
-    Raises:
-        UnreadableMeshError: an index does not fit into 32 bits.
-    """
-    lengths = kernel_array(lengths, np.int64)
-    faces = int(np.maximum(lengths - 2, 0).sum())
-    limits.check(faces=faces)
-    corners = as_indices(indices)
-    if len(lengths) and (lengths == 3).all():
-        return corners.reshape(-1, 3)
-    result = np.empty((faces, 3), dtype=np.int32)
-    _fan(corners, lengths, result)
-    return result
-
-
 def as_indices(values: AnyArray) -> IntArray:
     """Vertex indices as int32, whatever integer or float type they came in.
 
@@ -81,18 +80,6 @@ def as_indices(values: AnyArray) -> IntArray:
         if not (low >= -(2**31) and high < 2**31):  # also refuses NaN
             raise UnreadableMeshError("A vertex index is no number of 32 bits.")
     return kernel_array(values.astype(np.int32, copy=False), np.int32)
-
-
-@jit
-def _fan(corners: IntArray, lengths: AnyArray, result: IntArray) -> None:
-    start, face = 0, 0
-    for polygon in range(lengths.shape[0]):
-        for corner in range(2, lengths[polygon]):
-            result[face, 0] = corners[start]
-            result[face, 1] = corners[start + corner - 1]
-            result[face, 2] = corners[start + corner]
-            face += 1
-        start += lengths[polygon]
 
 
 def strip(indices: IntArray) -> IntArray:

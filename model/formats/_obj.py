@@ -1,12 +1,13 @@
-"""OBJ: positions and faces of all objects and groups; materials and everything else are ignored, no file is opened."""
+"""OBJ: positions and faces of all objects and groups; what else there is is ignored, no file is opened."""
 
 import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError
 from model.formats._common import Limits, RawMesh
-from model.formats._text import as_bytes, parse_number
-from model.types import ByteArray, FloatArray, IntArray
+from model.formats._polygons import triangulate
+from model.formats._text import as_bytes, parse_number, unix_lines
+from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 _FAULTS = {
     1: "The OBJ file has a vertex without three numbers.",
@@ -16,18 +17,31 @@ _FAULTS = {
 
 
 def read_obj(data: bytes, limits: Limits) -> RawMesh:
-    """Polygons become fans; negative indices count back from the latest vertex."""
-    raw = as_bytes(data)
+    """Faces may be any polygons; negative indices count back from the latest vertex."""
     if b"\0" in data[:4096]:
         raise UnreadableMeshError("The OBJ file is not text.")
-    vertex_count, face_count = _count(raw)
-    limits.check(vertex_count, face_count)
+    raw = as_bytes(unix_lines(data))
+    vertex_count, polygon_count, corner_count, triangle_count = _count(raw)
+    limits.check(vertex_count, triangle_count)
     vertices = np.empty((vertex_count, 3))
-    faces = np.empty((face_count, 3), dtype=np.int32)
-    fault = _read(raw, vertices, faces)
+    tints = np.empty((vertex_count, 3))
+    corners = np.empty(corner_count, dtype=np.int32)
+    lengths = np.empty(polygon_count, dtype=np.int64)
+    fault = _read(raw, vertices, tints, corners, lengths)
     if fault:
         raise UnreadableMeshError(_FAULTS[fault])
-    return RawMesh(vertices, faces)
+    triangles = triangulate(vertices, corners, lengths, limits)
+    return RawMesh(vertices, triangles.faces, warnings=triangles.warnings, colors=_colors(tints))
+
+
+def _colors(tints: FloatArray) -> ByteArray | None:
+    """(v, 4) where every vertex has three numbers from 0 to 1 or, in some programs, to 255."""
+    if not len(tints) or not np.isfinite(tints).all() or tints.min() < 0.0:
+        return None
+    scale = 255.0 if tints.max() <= 1.0 else 1.0
+    result = np.full((len(tints), 4), 255, dtype=np.uint8)
+    result[:, :3] = np.clip(np.rint(scale * tints), 0, 255)
+    return result
 
 
 @jit
@@ -79,9 +93,9 @@ def _ends(data: ByteArray, at: int) -> bool:
 
 
 @jit
-def _count(data: ByteArray) -> tuple[int, int]:
-    """Vertices and triangles."""
-    at, vertices, faces = 0, 0, 0
+def _count(data: ByteArray) -> tuple[int, int, int, int]:
+    """Vertices, polygons, their corners, and the triangles they become."""
+    at, vertices, polygons, total, triangles = 0, 0, 0, 0, 0
     while at < data.shape[0]:
         at = _blanks(data, at)
         kind = _keyword(data, at)
@@ -93,9 +107,11 @@ def _count(data: ByteArray) -> tuple[int, int]:
             while not _ends(data, at):
                 corners += 1
                 at = _blanks(data, _word_end(data, at))
-            faces += max(corners - 2, 0)
+            polygons += 1
+            total += corners
+            triangles += max(corners - 2, 0)
         at = _line_end(data, at)
-    return vertices, faces
+    return vertices, polygons, total, triangles
 
 
 @jit
@@ -110,9 +126,9 @@ def _word_end(data: ByteArray, at: int) -> int:
 
 
 @jit
-def _read(data: ByteArray, vertices: FloatArray, faces: IntArray) -> int:
-    """Fill vertices and faces; 0, or the number of a fault."""
-    at, vertex, face = 0, 0, 0
+def _read(data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: IntArray, lengths: AnyArray) -> int:
+    """Fill vertices and polygons; 0, or the number of a fault."""
+    at, vertex, polygon, corner = 0, 0, 0, 0
     end = data.shape[0]
     while at < end:
         at = _blanks(data, at)
@@ -126,9 +142,15 @@ def _read(data: ByteArray, vertices: FloatArray, faces: IntArray) -> int:
                     return 1
                 vertices[vertex, axis] = value
                 at = after
+            for channel in range(3):  # red, green and blue behind the position; one number alone is a weight
+                at = _blanks(data, at)
+                value, after = parse_number(data, at, end)
+                fine = after > at and after == _word_end(data, after)
+                tints[vertex, channel] = value if fine else np.nan
+                at = after if fine else at
             vertex += 1
         elif kind == 2:
-            first, previous, corners = 0, 0, 0
+            first = corner
             at = _blanks(data, at + 1)
             while not _ends(data, at):
                 negative = data[at] == 45
@@ -146,12 +168,9 @@ def _read(data: ByteArray, vertices: FloatArray, faces: IntArray) -> int:
                 index = vertex - index if negative else index - 1
                 index = index if 0 <= index < vertices.shape[0] else -1
                 at = _blanks(data, _word_end(data, at))  # passes over /texture/normal
-                if corners == 0:
-                    first = index
-                elif corners >= 2:
-                    faces[face, 0], faces[face, 1], faces[face, 2] = first, previous, index
-                    face += 1
-                previous = index
-                corners += 1
+                corners[corner] = index
+                corner += 1
+            lengths[polygon] = corner - first
+            polygon += 1
         at = _line_end(data, at)
     return 0

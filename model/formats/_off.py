@@ -6,8 +6,9 @@ import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError, UnsupportedFormatError
-from model.formats._common import Limits, RawMesh, fan
-from model.formats._text import as_bytes, parse_numbers
+from model.formats._common import Limits, RawMesh
+from model.formats._polygons import triangulate
+from model.formats._text import as_bytes, parse_numbers, unix_lines
 from model.types import AnyArray, FloatArray
 
 # ST, C, N are texture, colour and normal after the position; 4 a homogeneous coordinate; n a dimension of its own.
@@ -21,7 +22,8 @@ def is_off(data: bytes) -> bool:
 
 
 def read_off(data: bytes, limits: Limits) -> RawMesh:
-    """Positions and polygons (as fans); colours, normals and texture coordinates are passed over."""
+    """Positions and polygons; colours, normals and texture coordinates are passed over."""
+    data = unix_lines(data)
     match = _KEYWORD.match(data[:4096])
     if match is None:
         raise UnreadableMeshError("The file does not start with the keyword OFF.")
@@ -50,7 +52,8 @@ def read_off(data: bytes, limits: Limits) -> RawMesh:
         raise UnreadableMeshError("The OFF file is shorter than its counts say.")
     corners = np.empty(int(lengths.sum()))
     _copy_corners(numbers, starts, lengths, corners)
-    return RawMesh(positions, fan(corners, lengths, limits))
+    triangles = triangulate(positions, corners, lengths, limits)
+    return RawMesh(positions, triangles.faces, warnings=triangles.warnings)
 
 
 @jit

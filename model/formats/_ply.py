@@ -1,11 +1,16 @@
 """PLY: ASCII and binary of both byte orders, any element and property layout."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh, fan, no_faces, strip, to_float64
-from model.formats._ply_tables import BinaryTable, Element, Lists, Property, TextTable
-from model.types import AnyArray, IntArray
+from model.formats._common import Limits, RawMesh, no_faces, strip, to_float64
+from model.formats._ply_tables import BinaryTable, Element, Lists, Property
+from model.formats._ply_text import LineTable, Table, WordTable
+from model.formats._polygons import triangulate
+from model.formats._text import as_bytes, parse_numbers, unix_lines
+from model.types import AnyArray, ByteArray, IntArray
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -13,20 +18,38 @@ _TYPES = {
     "double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8",
 }  # fmt: skip
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
+_COLORS = (("red", "diffuse_red", "r"), ("green", "diffuse_green", "g"), ("blue", "diffuse_blue", "b"), ("alpha",))
 _LONGEST_HEADER = 1 << 20
 _MOST_PROPERTIES = 1000
 
 
 def read_ply(data: bytes, limits: Limits) -> RawMesh:
-    """Faces from the element ``face`` (polygons become fans) and from ``tristrips``."""
+    """Faces from the element ``face``, which may be any polygons, and from ``tristrips``."""
     order, elements, start = _read_header(data)
     for element in elements:
         if element.name == "vertex":
             limits.check(vertices=element.rows)
         elif element.name == "face":
             limits.check(faces=element.rows)
-    table = BinaryTable(data, start, order) if order else TextTable(data, start)
+    if order:
+        return _read_elements(elements, BinaryTable(data, start, order), limits)
+    numbers, lines = parse_numbers(as_bytes(unix_lines(data[start:])))
+    # Every row has a line of its own. Writers that break lines elsewhere are rarer than those of longer rows.
+    table = LineTable(numbers, lines)
+    try:
+        raw = _read_elements(elements, table, limits)
+    except UnreadableMeshError:
+        return _read_elements(elements, WordTable(numbers), limits)
+    if table.longer:
+        warning = f"{table.longer} lines hold more numbers than the PLY header announces; those behind were not read."
+        raw = replace(raw, warnings=(*raw.warnings, warning))
+    return raw
+
+
+def _read_elements(elements: list[Element], table: Table, limits: Limits) -> RawMesh:
     vertices: AnyArray = np.empty((0, 3))
+    colors: ByteArray | None = None
+    polygons: list[Lists] = []
     faces: list[IntArray] = []
     for element in elements:
         wanted = element.find("vertex_indices", "vertex_index")
@@ -34,15 +57,35 @@ def read_ply(data: bytes, limits: Limits) -> RawMesh:
             places = [element.find(axis) for axis in "xyz"]
             if min(places) < 0:
                 raise UnreadableMeshError("The PLY file has vertices without x, y or z.")
-            vertices = to_float64(table.columns(element, places))
+            tints = [element.find(*names) for names in _COLORS]
+            found = table.columns(element, [*places, *(place for place in tints if place >= 0)])
+            vertices = to_float64(found[:3])
+            if min(tints[:3]) >= 0:
+                colors = _colors(found[3:], [element.properties[place].item for place in tints if place >= 0])
         elif element.name == "face" and wanted >= 0 and element.properties[wanted].count:
-            lists = table.lists(element, wanted)
-            faces.append(fan(lists.items, lists.lengths, limits))
+            polygons.append(table.lists(element, wanted))
         elif element.name == "tristrips" and wanted >= 0 and element.properties[wanted].count:
             faces.extend(_strips(table.lists(element, wanted)))
         else:
             table.skip(element)
-    return RawMesh(vertices, np.concatenate(faces) if faces else no_faces())
+    warnings: tuple[str, ...] = ()
+    for lists in polygons:  # at the end: the vertices may stand behind them
+        triangles = triangulate(vertices, lists.items, lists.lengths, limits)
+        faces.append(triangles.faces)
+        warnings += triangles.warnings
+    return RawMesh(vertices, np.concatenate(faces) if faces else no_faces(), warnings=warnings, colors=colors)
+
+
+def _colors(columns: list[AnyArray], kinds: list[str]) -> ByteArray | None:
+    """(v, 4) of three or four columns: bytes as they are, 16 bits and fractions scaled."""
+    if any(len(column) != len(columns[0]) for column in columns):
+        return None  # of a list
+    result = np.full((len(columns[0]), 4), 255, dtype=np.uint8)
+    for place, (column, kind) in enumerate(zip(columns, kinds, strict=True)):
+        scale = 255.0 if kind[0] == "f" else 1.0 / 257.0 if kind == "u2" else 1.0
+        values = np.nan_to_num(column.astype(np.float64)) * scale
+        result[:, place] = np.clip(np.rint(values), 0, 255)
+    return result
 
 
 def _read_header(data: bytes) -> tuple[str | None, list[Element], int]:

@@ -1,4 +1,4 @@
-"""The data behind a PLY header: elements one after the other, binary or ASCII."""
+"""The data behind a PLY header: elements one after the other, in binary."""
 
 from dataclasses import dataclass, field
 
@@ -6,7 +6,6 @@ import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError
-from model.formats._text import parse_numbers
 from model.types import AnyArray, ByteArray
 
 
@@ -188,79 +187,4 @@ def _copy_items(data: ByteArray, starts: AnyArray, sizes: AnyArray, result: Byte
     for row in range(starts.shape[0]):
         for byte in range(sizes[row]):
             result[place] = data[starts[row] + byte]
-            place += 1
-
-
-class TextTable:
-    """Hands out the elements of an ASCII file in their order; every value is a word."""
-
-    def __init__(self, data: bytes, start: int) -> None:
-        self._numbers = parse_numbers(np.frombuffer(data, np.uint8)[start:])[0]
-        self._at = 0
-
-    def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
-        """The scalar properties at some places; a list counts as an empty column."""
-        width = len(element.properties)
-        if any(entry.count for entry in element.properties):
-            start = self._at
-            result: list[AnyArray] = []
-            for index in places:
-                self._at = start
-                lists = self.lists(element, index)
-                result.append(np.empty(0) if element.properties[index].count else lists.items)
-            return result
-        self._need(element.rows * width)
-        rows = self._numbers[self._at : self._at + element.rows * width].reshape(element.rows, width)
-        self._at += element.rows * width
-        return [rows[:, index] for index in places]
-
-    def lists(self, element: Element, wanted: int) -> Lists:
-        """One property of every row."""
-        self._need(element.rows * len(element.properties))
-        is_list = np.array([entry.count is not None for entry in element.properties])
-        starts = np.empty(element.rows, dtype=np.int64)
-        lengths = np.empty(element.rows, dtype=np.int64)
-        end = _walk_words(self._numbers, self._at, is_list, wanted, starts, lengths)
-        if end < 0:
-            raise UnreadableMeshError("The PLY file is shorter than its lists say.")
-        self._at = end
-        items = np.empty(int(lengths.sum()))
-        _copy_words(self._numbers, starts, lengths, items)
-        return Lists(items, lengths)
-
-    def skip(self, element: Element) -> None:
-        """Pass over an element nobody needs."""
-        if element.properties:
-            self.lists(element, 0)
-
-    def _need(self, words: int) -> None:
-        if words > len(self._numbers) - self._at:
-            raise UnreadableMeshError("The PLY file is shorter than its header says.")
-
-
-@jit
-def _walk_words(numbers: AnyArray, at: int, is_list: AnyArray, wanted: int, starts: AnyArray, lengths: AnyArray) -> int:
-    end = numbers.shape[0]
-    for row in range(starts.shape[0]):
-        for entry in range(is_list.shape[0]):
-            length = 1
-            if is_list[entry]:
-                if at >= end or not (numbers[at] >= 0 and numbers[at] <= end):
-                    return -1
-                length = int(numbers[at])
-                at += 1
-            if at + length > end:
-                return -1
-            if entry == wanted:
-                starts[row], lengths[row] = at, length
-            at += length
-    return at
-
-
-@jit
-def _copy_words(numbers: AnyArray, starts: AnyArray, lengths: AnyArray, result: AnyArray) -> None:
-    place = 0
-    for row in range(starts.shape[0]):
-        for word in range(lengths[row]):
-            result[place] = numbers[starts[row] + word]
             place += 1

@@ -5,7 +5,7 @@ import numpy as np
 from model._jit import jit
 from model.errors import UnreadableMeshError
 from model.formats._common import Limits, RawMesh
-from model.formats._text import as_bytes, parse_number
+from model.formats._text import as_bytes, parse_number, unix_lines
 from model.types import ByteArray, FloatArray
 
 _HEADER = 84
@@ -20,7 +20,7 @@ def read_stl(data: bytes, limits: Limits) -> RawMesh:
         records = np.frombuffer(data, _RECORD, count, _HEADER)
         vertices = records["corners"].astype(np.float64).reshape(-1, 3)
     elif is_ascii_stl(data):
-        raw = as_bytes(data[data.find(b"\n") + 1 :])  # the first line holds a name, which may be any word
+        raw = as_bytes(unix_lines(data))
         count = _count_vertices(raw)
         limits.check(count, count // 3)
         vertices = np.empty((count, 3))
@@ -50,24 +50,45 @@ def is_ascii_stl(data: bytes) -> bool:
 
 
 @jit
-def _is_vertex(data: ByteArray, at: int) -> bool:
-    """Whether the word "vertex" stands at a place with blanks around it."""
-    if at + 7 > data.shape[0] or data[at] | 32 != 118 or data[at + 6] > 32 or (at > 0 and data[at - 1] > 32):
-        return False
-    return (
-        data[at + 1] | 32 == 101
-        and data[at + 2] | 32 == 114
-        and data[at + 3] | 32 == 116
-        and data[at + 4] | 32 == 101
-        and data[at + 5] | 32 == 120
-    )
+def _word(data: ByteArray, at: int, end: int) -> int:
+    """1 for the word "vertex", 2 for "solid" and "endsolid", 0 for any other that starts here."""
+    length = 0
+    while at + length < end and length < 9 and data[at + length] > 32:
+        length += 1
+    if length == 6 and data[at] | 32 == 118 and data[at + 1] | 32 == 101 and data[at + 2] | 32 == 114:
+        return int(data[at + 3] | 32 == 116 and data[at + 4] | 32 == 101 and data[at + 5] | 32 == 120)
+    if length == 8 and data[at] | 32 == 101 and data[at + 1] | 32 == 110 and data[at + 2] | 32 == 100:
+        at += 3
+        length = 5
+    solid = length == 5 and data[at] | 32 == 115 and data[at + 1] | 32 == 111 and data[at + 2] | 32 == 108
+    return 2 if solid and data[at + 3] | 32 == 105 and data[at + 4] | 32 == 100 else 0
+
+
+@jit
+def _next_vertex(data: ByteArray, at: int) -> int:
+    """The place after the next word "vertex", or -1; the line of a solid holds its name, which may be any word."""
+    end = data.shape[0]
+    while at < end:
+        if data[at] <= 32:
+            at += 1
+            continue
+        word = _word(data, at, end)
+        if word == 1:
+            return at + 6
+        if word == 2:
+            while at < end and data[at] != 10:
+                at += 1
+        while at < end and data[at] > 32:
+            at += 1
+    return -1
 
 
 @jit
 def _count_vertices(data: ByteArray) -> int:
-    count = 0
-    for at in range(data.shape[0]):
-        count += _is_vertex(data, at)
+    count, at = 0, _next_vertex(data, 0)
+    while at >= 0:
+        count += 1
+        at = _next_vertex(data, at)
     return count
 
 
@@ -75,9 +96,7 @@ def _count_vertices(data: ByteArray) -> int:
 def _read_vertices(data: ByteArray, vertices: FloatArray) -> bool:
     at, end = 0, data.shape[0]
     for vertex in range(vertices.shape[0]):
-        while at < end and not _is_vertex(data, at):
-            at += 1
-        at += 6
+        at = _next_vertex(data, at)
         for axis in range(3):
             while at < end and data[at] <= 32:
                 at += 1

@@ -1,5 +1,7 @@
 """Numbers out of text at native speed, for the ASCII formats."""
 
+import re
+
 import numpy as np
 
 from model._jit import jit
@@ -8,11 +10,32 @@ from model.types import AnyArray, ByteArray, FloatArray
 # Those up to 1e22 are exact; a number of up to 15 digits times or over one of them is rounded correctly.
 _POWERS = np.array([float(f"1e{exponent}") for exponent in range(309)])
 
+_DECIMAL_COMMA = re.compile(rb"(?:^|[ \t])[-+]?[0-9]+,[0-9]+(?:[eE][-+]?[0-9]+)?(?=[ \t\r\n]|\Z)", re.MULTILINE)
+
 
 def as_bytes(data: bytes) -> ByteArray:
     """The bytes as an array, without a copy and without a byte-order mark."""
     array = np.frombuffer(data, dtype=np.uint8)
     return array[3:] if data[:3] == b"\xef\xbb\xbf" else array
+
+
+def unix_lines(data: bytes) -> bytes:
+    """Text whose lines end in carriage returns, as old systems wrote it, with line feeds; other text as it is."""
+    returns = data.count(b"\r")
+    if returns and returns - data.count(b"\r\n") > data.count(b"\n"):
+        return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data
+
+
+DECIMAL_COMMAS = (
+    "The numbers of the file seem to have decimal commas, as some programs write them in some countries; "
+    "export the mesh with decimal points."
+)
+
+
+def has_decimal_commas(data: bytes) -> bool:
+    """Whether coordinates near the start of a text are written like 0,5."""
+    return _DECIMAL_COMMA.search(data[: 1 << 16]) is not None
 
 
 def parse_numbers(data: ByteArray, stop_at_junk: bool = False) -> tuple[FloatArray, AnyArray]:

@@ -1,13 +1,15 @@
 """A checked `Mesh` from whatever a caller of the library holds: a path, arrays, an object of trimesh."""
 
 import os
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePosixPath
 from typing import Any, Protocol, TypeAlias, runtime_checkable
+from urllib.parse import unquote
 
 from numpy.typing import ArrayLike
 
 from model.formats import read_mesh
+from model.formats._common import Resources
 from model.meshes.mesh import Mesh
 
 
@@ -42,7 +44,8 @@ def as_mesh(value: MeshLike) -> Mesh:
 
     Args:
         value: a ``Mesh``; an object with ``vertices`` and ``faces`` (``trimesh.Trimesh``); a ``trimesh.Scene``,
-            taken in world coordinates; a pair (vertices, faces); or the path of a mesh file.
+            taken in world coordinates; a pair (vertices, faces); or the path of a mesh file, which may refer to files
+            in its folder and below.
 
     Raises:
         MeshError: the mesh cannot be used; the subclass says why.
@@ -53,7 +56,7 @@ def as_mesh(value: MeshLike) -> Mesh:
         return value
     if isinstance(value, str | os.PathLike):
         path = Path(value)
-        return read_mesh(path.read_bytes(), path.name)
+        return read_mesh(path.read_bytes(), path.name, resources=files_beside(path))
     if isinstance(value, HasScene) and not isinstance(value, HasTriangles):
         return as_mesh(value.to_mesh())
     if isinstance(value, HasTriangles):
@@ -61,3 +64,29 @@ def as_mesh(value: MeshLike) -> Mesh:
     if isinstance(value, tuple | list) and len(value) == 2:
         return Mesh.checked(value[0], value[1])
     raise TypeError(f"cannot make a mesh out of a {type(value).__name__}")
+
+
+def files_beside(path: str | os.PathLike[str]) -> Resources:
+    """The files that a mesh file may refer to: those in its folder and in the folders in there, no others."""
+    folder = Path(path).parent
+
+    def read(name: str) -> bytes | None:
+        beside = folder / unquote(name).replace("\\", "/")
+        try:
+            if beside.resolve().is_relative_to(folder.resolve()) and beside.is_file():
+                return beside.read_bytes()
+        except (OSError, ValueError):  # such as a name with a zero byte
+            pass
+        return None
+
+    return read
+
+
+def files_at_hand(files: Mapping[str, bytes]) -> Resources:
+    """Files in memory, found by the last part of their name, in any case."""
+    known = {_last(name): content for name, content in files.items()}
+    return lambda name: known.get(_last(unquote(name)))
+
+
+def _last(name: str) -> str:
+    return PurePosixPath(name.replace("\\", "/")).name.casefold()

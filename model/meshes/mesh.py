@@ -8,12 +8,14 @@ from numpy.typing import ArrayLike
 from model._jit import jit, jit_allocating, kernel_array
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
 from model.meshes._topology import is_watertight
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 # Below this share of the squared bounding-box diagonal, area is rounding noise of points on a line.
 _SMALLEST_AREA = 1e-14
 # Squares and products of lengths beyond these leave the range of float64.
-_LARGEST_COORDINATE = 1e60
+LARGEST_COORDINATE = 1e60
+"""Of a coordinate that faces use."""
+
 _SMALLEST_EXTENT = 1e-60
 
 
@@ -29,12 +31,16 @@ class Mesh:
         faces: (f, 3) int32, C-contiguous.
         source_format: one of ``model.formats.SUPPORTED_FORMATS``, or None if it came from memory.
         units: length unit named by the file, if it names one.
+        warnings: what was left out or guessed when the file was read, a sentence each.
+        colors: (v, 4) uint8, red, green, blue (sRGB) and opacity of the vertices, if the file has any.
     """
 
     vertices: FloatArray
     faces: IntArray
     source_format: str | None = None
     units: str | None = None
+    warnings: tuple[str, ...] = ()
+    colors: ByteArray | None = None
 
     @classmethod
     def checked(
@@ -44,6 +50,8 @@ class Mesh:
         *,
         source_format: str | None = None,
         units: str | None = None,
+        warnings: tuple[str, ...] = (),
+        colors: ByteArray | None = None,
     ) -> "Mesh":
         """A mesh that all computations can rely on.
 
@@ -54,15 +62,17 @@ class Mesh:
             UnreadableMeshError: the arrays are not (v, 3) numbers and (f, 3) integers.
         """
         points, triangles = _as_arrays(vertices, faces)
+        if colors is not None and (colors.shape != (len(points), 4) or colors.dtype != np.uint8):
+            raise UnreadableMeshError("Colours must be (v, 4) numbers of 8 bits.")
         if triangles.shape[0] == 0:
             raise EmptyMeshError("The mesh has no faces; point clouds and lines are not supported.")
         if triangles.min() < 0 or triangles.max() >= points.shape[0]:
             raise DegenerateMeshError("A face refers to a vertex that does not exist.")
-        mesh = cls(points, kernel_array(triangles, np.int32), source_format, units)
+        mesh = cls(points, kernel_array(triangles, np.int32), source_format, units, warnings, colors)
         low, high = mesh.bounds
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise DegenerateMeshError("The mesh has coordinates that are not finite numbers.")
-        if max(-low.min(), high.max()) > _LARGEST_COORDINATE:
+        if max(-low.min(), high.max()) > LARGEST_COORDINATE:
             raise DegenerateMeshError("The mesh has coordinates beyond 1e60.")
         diagonal = float(np.linalg.norm(high - low))
         if diagonal < _SMALLEST_EXTENT:

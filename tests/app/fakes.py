@@ -116,6 +116,8 @@ class FakeDetector:
             "point": center,
             "symmetry_error": self.symmetry_error if len(mesh.faces) != self._warm else 0.0,
             "rms_distance": 3.5e-5,
+            "max_distance": 9.0e-5,
+            "coverage": 1.0,
             "exact": True,
         }
         normal = np.array([1.0, -0.0, -0.0])

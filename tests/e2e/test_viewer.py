@@ -514,3 +514,27 @@ def test_without_webgl_the_numbers_remain(browser: Any, server: Server) -> None:
     page.get_by_role("button", name="Chair").click()
     expect(page.get_by_role("heading", name="Point group Cs")).to_be_visible()
     context.close()
+
+
+def test_a_gltf_file_is_opened_together_with_its_buffer(at_home: Visit, tmp_path: Path) -> None:
+    files = trimesh.Scene(trimesh.creation.box((1, 2, 3))).export(file_type="gltf")
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    names = sorted(files, key=lambda name: name.endswith(".gltf"))  # the mesh last: the order plays no role
+    at_home.page.locator("#file").set_input_files([tmp_path / name for name in names])
+    expect(at_home.page.locator("#filename")).to_have_text("model.gltf")
+    expect(at_home.page.locator("#panel")).to_contain_text("D2h")
+    at_home.page.locator("#file").set_input_files([tmp_path / "model.gltf"])
+    expect(at_home.problem()).to_contain_text("another file")
+    at_home.errors.clear()  # the browser's own words about the refusal
+
+
+def test_a_mesh_with_colours_is_shown_in_them(at_home: Visit, tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 2, 3))
+    box.visual.vertex_colors = [220, 20, 20, 255]
+    box.export(tmp_path / "red.ply")
+    at_home.open(tmp_path / "red.ply")
+    expect(at_home.page.locator("#panel")).to_contain_text("D2h")
+    middle = at_home.pixels()
+    red = (middle[..., 0] > 1.5 * middle[..., 1] + 20) & (middle[..., 0] > 1.2 * middle[..., 2])
+    assert red.mean() > 0.02

@@ -2,6 +2,7 @@
 
 import { noAnswer, problemFrom, ProblemError } from "./problems";
 import type { Limits, Mode, Vector } from "./result";
+import { withCompanions } from "./together";
 
 export interface Options {
   mode: Mode;
@@ -60,7 +61,7 @@ export function completeQuery(
 }
 
 /**
- * Sends a file and waits for the answer.
+ * Sends a file, with those that belong to it, and waits for the answer.
  *
  * Rejects with a `ProblemError`, or with an `AbortError` when `signal` was used. XMLHttpRequest, because fetch does
  * not tell how much of an upload is sent.
@@ -69,7 +70,7 @@ export function send(url: URL, file: File, signal: AbortSignal, progress?: Progr
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     const form = new FormData();
-    form.append("file", file, file.name);
+    for (const part of withCompanions(file)) form.append("file", part, part.name);
     request.open("POST", url);
     request.responseType = "blob";
     if (storedKey()) request.setRequestHeader("X-API-Key", storedKey());
@@ -100,7 +101,8 @@ export async function fetchLimits(): Promise<Limits | "unauthorized" | null> {
 }
 
 /** The same request for a terminal. */
-export function curlLine(filename: string, options: Options, shellWord: (word: string) => string): string {
+export function curlLine(filenames: string[], options: Options, shellWord: (word: string) => string): string {
   const key = storedKey() ? ' -H "X-API-Key: $PRSNET_KEY"' : "";
-  return `curl${key} -F ${shellWord(`file=@${filename}`)} ${shellWord(endpoint("detect", detectQuery(options)).href)}`;
+  const files = filenames.map((name) => ` -F ${shellWord(`file=@${name}`)}`).join("");
+  return `curl${key}${files} ${shellWord(endpoint("detect", detectQuery(options)).href)}`;
 }

@@ -7,6 +7,7 @@ import { sourceOf } from "./list";
 import { ProblemError, noAnswer } from "./problems";
 import { itemById, type State, type Store } from "./store";
 import type { Say } from "./status";
+import { withCompanions } from "./together";
 
 export interface Exports {
   element: HTMLElement;
@@ -84,7 +85,8 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
       button("Copy JSON", () => copy(JSON.stringify(store.get().result, null, 2), "JSON")),
       button("Copy curl line", () => {
         const { file, options } = asked(store.get());
-        return copy(curlLine(file.name, options, shellWord), "curl line");
+        const names = withCompanions(file).map((part) => part.name);
+        return copy(curlLine(names, options, shellWord), "curl line");
       }),
       button("Annotated GLB", annotated),
     ),

@@ -5,6 +5,8 @@ import type { DetectResult } from "./result";
 /** Corners of triangles one after the other, nine numbers each, input frame. */
 export interface AnnotatedMesh {
   corners: Float64Array;
+  /** Red, green and blue of every corner in linear light, if the mesh has colours. */
+  colors: Float32Array | null;
   result: DetectResult;
 }
 
@@ -19,7 +21,9 @@ interface Node {
 
 interface Document {
   nodes: Node[];
-  meshes: { primitives: { attributes: { POSITION: number }; indices?: number; mode?: number }[] }[];
+  meshes: {
+    primitives: { attributes: { POSITION: number; COLOR_0?: number }; indices?: number; mode?: number }[];
+  }[];
   accessors: {
     bufferView: number;
     byteOffset?: number;
@@ -43,7 +47,7 @@ export function readAnnotated(bytes: ArrayBuffer): AnnotatedMesh {
   if (!node) throw new Error("The GLB holds no mesh.");
   const result = node.extras?.result;
   if (!result) throw new Error("The GLB holds no result.");
-  return { corners: cornersOf(document, binary, node), result };
+  return { corners: cornersOf(document, binary, node), colors: colorsOf(document, binary, node), result };
 }
 
 function chunks(bytes: ArrayBuffer): [Document, ArrayBuffer] {
@@ -82,6 +86,22 @@ function cornersOf(document: Document, binary: ArrayBuffer, node: Node): Float64
   return all;
 }
 
+/** The service writes colours as four numbers of 16 bits a vertex, or none. */
+function colorsOf(document: Document, binary: ArrayBuffer, node: Node): Float32Array | null {
+  const { primitives } = document.meshes[node.mesh!];
+  if (primitives.length !== 1 || primitives[0].attributes.COLOR_0 === undefined) return null;
+  const values = accessor(document, binary, primitives[0].attributes.COLOR_0);
+  const indices =
+    primitives[0].indices === undefined ? null : accessor(document, binary, primitives[0].indices);
+  const count = indices ? indices.length : values.length / 4;
+  const colors = new Float32Array(3 * count);
+  for (let i = 0; i < count; i++) {
+    const from = 4 * (indices ? indices[i] : i);
+    for (let channel = 0; channel < 3; channel++) colors[3 * i + channel] = values[from + channel] / 65535;
+  }
+  return colors;
+}
+
 /** The service moves and scales the mesh at most, to keep the digits of coordinates far from the origin. */
 function placement(node: Node) {
   const [sx, a, b, , c, sy, d, , e, f, sz, , tx, ty, tz] = node.matrix ?? [
@@ -103,7 +123,7 @@ function accessor(
   const { bufferView, byteOffset = 0, componentType, count, type } = document.accessors[index];
   const view = document.bufferViews[bufferView];
   const start = (view.byteOffset ?? 0) + byteOffset;
-  const items = count * (type === "VEC3" ? 3 : 1);
+  const items = count * ({ VEC3: 3, VEC4: 4 }[type] ?? 1);
   if (view.byteStride && view.byteStride !== 12) throw new Error("The GLB interleaves its vertices.");
   if (componentType === 5126) return new Float32Array(binary, start, items);
   if (componentType === 5125) return new Uint32Array(binary, start, items);

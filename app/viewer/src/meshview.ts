@@ -74,6 +74,9 @@ export class MeshView {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(surface.corners, 3));
     geometry.setAttribute("normal", new BufferAttribute(surface.normals, 3));
+    if (surface.colors) geometry.setAttribute("color", new BufferAttribute(surface.colors, 3));
+    this.plain.vertexColors = surface.colors !== null;
+    this.plain.needsUpdate = true;
     this.mesh.geometry = this.mirrored.geometry = geometry;
     const few = surface.corners.length / 9 <= MOST_FACES_FOR_EDGES;
     this.edges.geometry = few ? new EdgesGeometry(geometry, EDGE_ANGLE) : new BufferGeometry();
@@ -83,7 +86,7 @@ export class MeshView {
 
   setColors(colors: MeshColors): void {
     this.colors = colors;
-    this.plain.color.set(colors.surface);
+    this.tint(colors.surface);
     this.image.color.set(colors.image);
     this.lines.color.set(colors.edges);
   }
@@ -91,7 +94,7 @@ export class MeshView {
   showMesh(): void {
     this.arrange(true, false, false);
     this.plain.clippingPlanes = this.lines.clippingPlanes = null;
-    if (this.colors) this.plain.color.set(this.colors.surface);
+    if (this.colors) this.tint(this.colors.surface);
   }
 
   /** The half with more surface as it is, and beside it its image; for an axis, the half beyond it is the shape turned. */
@@ -103,7 +106,7 @@ export class MeshView {
     this.image.clippingPlanes = [halfSpace(normal, item.point, side === 1 ? -1 : 1)];
     this.mirrored.matrix.copy(matrixOf(item.transform));
     this.mirrored.matrixWorldNeedsUpdate = true;
-    if (this.colors) this.plain.color.set(this.colors.original);
+    if (this.colors) this.tint(this.colors.original);
   }
 
   /** Colours by distance; `largest` ends the scale. */
@@ -118,6 +121,11 @@ export class MeshView {
       geometry.setIndex(new BufferAttribute(indices, 1));
     }
     geometry.setAttribute("color", new BufferAttribute(colorsOf(heat.distances, largest), 3));
+  }
+
+  /** A mesh with colours of its own keeps them. */
+  private tint(color: string): void {
+    this.plain.color.set(this.plain.vertexColors ? "#ffffff" : color);
   }
 
   private arrange(mesh: boolean, mirrored: boolean, heated: boolean): void {

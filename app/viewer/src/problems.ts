@@ -17,7 +17,7 @@ export interface ProblemWords {
   again: boolean;
 }
 
-const FORMATS = "STL, OBJ, PLY, OFF, GLB, glTF with embedded buffers, and 3MF";
+const FORMATS = "STL, OBJ, PLY, OFF, GLB, glTF with its .bin, and 3MF";
 
 const WORDS: Record<string, ProblemWords> = {
   "malformed-request": words("The request was not understood", "Reload this page and try again.", true),

@@ -8,6 +8,7 @@ import { cornerNormals } from "./normals";
 import { ProblemError, type Problem } from "./problems";
 import type { DetectResult, Limits } from "./result";
 import type { State, Store, Surface, Up } from "./store";
+import { withCompanions } from "./together";
 
 /** Formats in which z usually points upwards. */
 const Z_UP = new Set(["stl", "3mf"]);
@@ -158,23 +159,24 @@ async function request(
     const result = JSON.parse(await content.text()) as DetectResult;
     return { result, answered: options, items: itemsOf(result) };
   }
-  const { corners, result } = readAnnotated(await content.arrayBuffer());
-  const surface = surfaceOf(corners, result);
+  const { corners, colors, result } = readAnnotated(await content.arrayBuffer());
+  const surface = surfaceOf(corners, colors, result);
   return { result, answered: options, items: itemsOf(result), surface };
 }
 
 /** Into the unit frame while there are 64 bits to a coordinate; the graphics card has 32. */
-function surfaceOf(corners: Float64Array, result: DetectResult): Surface {
+function surfaceOf(corners: Float64Array, colors: Float32Array | null, result: DetectResult): Surface {
   const { center, scale } = result.frame;
   const unit = new Float32Array(corners.length);
   for (let i = 0; i < corners.length; i++) unit[i] = (corners[i] - center[i % 3]) / scale;
-  return { corners: unit, normals: cornerNormals(unit) };
+  return { corners: unit, normals: cornerNormals(unit), colors };
 }
 
 /** Told before the upload: a connection that is cut while sending would hide the service's own words. */
 function refuseTooLarge(file: File, limits: Limits | null): void {
-  if (!limits || file.size < limits.max_upload_bytes) return;
-  const detail = `The file has ${bytes(file.size)}; the service takes ${bytes(limits.max_upload_bytes)}.`;
+  const size = withCompanions(file).reduce((total, part) => total + part.size, 0);
+  if (!limits || size < limits.max_upload_bytes) return;
+  const detail = `The file has ${bytes(size)}; the service takes ${bytes(limits.max_upload_bytes)}.`;
   throw new ProblemError({ slug: "upload-too-large", detail, status: 413, requestId: null });
 }
 

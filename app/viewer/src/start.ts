@@ -4,14 +4,14 @@ import { byId, h } from "./dom";
 import { EXAMPLES, fetchExample } from "./examples";
 import { icon } from "./icons";
 import { isBusy, type Store } from "./store";
-
-const FORMATS = ["stl", "obj", "ply", "off", "glb", "gltf", "3mf"];
+import { ACCEPTED, together } from "./together";
 
 export function attachStart(store: Store, open: (file: File) => void): void {
   const picker = byId<HTMLInputElement>("file");
-  picker.accept = FORMATS.map((name) => `.${name}`).join(",");
+  picker.accept = ACCEPTED;
+  picker.multiple = true;
   picker.addEventListener("change", () => {
-    const file = picker.files?.[0];
+    const file = together(picker.files ?? []);
     if (file) open(file);
     picker.value = "";
   });
@@ -23,7 +23,7 @@ export function attachStart(store: Store, open: (file: File) => void): void {
     h(
       "span",
       { class: "muted small" },
-      "STL, OBJ, PLY, OFF, GLB, glTF, 3MF. It goes to this service and nowhere else.",
+      "STL, OBJ, PLY, OFF, GLB, glTF with its .bin, 3MF. It goes to this service and nowhere else.",
     ),
   );
   const start = byId("start");
@@ -72,7 +72,7 @@ export function attachDrop(open: (file: File) => void): void {
   document.addEventListener("drop", (event) => {
     event.preventDefault();
     enter(-inside);
-    const file = event.dataTransfer?.files[0];
+    const file = together(event.dataTransfer?.files ?? []);
     if (file) open(file);
   });
 }

@@ -19,6 +19,8 @@ export type Up = "y" | "z";
 export interface Surface {
   corners: Float32Array;
   normals: Float32Array;
+  /** Red, green and blue of every corner in linear light, if the mesh has colours of its own. */
+  colors: Float32Array | null;
 }
 
 export interface State {

@@ -13,8 +13,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from app import detection, local, schemas
-from app.cli.batch import bop_key, expand
+from app.cli.batch import bop_key
 from app.cli.commands import app
+from app.cli.inputs import expand
 from app.http import server
 from app.settings import Settings
 from model.errors import CheckpointError, NoPlaneError
@@ -100,7 +101,7 @@ def test_names_folders_and_patterns(tmp_path: Path) -> None:
     assert found("/**/*.stl", "/a.ply", "/*.ply") == ["b/c/y.stl", "a.ply"]
     assert found("/notes.txt", "/missing.obj") == ["notes.txt", "missing.obj"]
     _, nothing = expand([f"{root}/empty", f"{root}/*.off"])
-    assert [outcome.path.name for outcome in nothing] == ["empty", "*.off"]
+    assert [path.name for path, _ in nothing] == ["empty", "*.off"]
 
 
 def test_a_half_is_completed(tmp_path: Path, served: FakeDetector) -> None:
@@ -116,7 +117,7 @@ def test_a_half_is_completed(tmp_path: Path, served: FakeDetector) -> None:
     assert "100.0 % of the surface" in result.stdout
     assert trimesh.load(whole).area == pytest.approx(trimesh.load(DATA / "chair.obj", force="mesh").area, rel=1e-5)
     served.failure = NoPlaneError("No mirror plane.")
-    result = runner.invoke(app, ["complete", str(half), "-o", str(whole)])
+    result = runner.invoke(app, ["complete", str(half), "-o", str(whole), "--overwrite"])
     assert result.exit_code == 1
     assert "half.ply: No mirror plane." in result.stderr
 

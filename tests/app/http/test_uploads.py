@@ -21,6 +21,10 @@ def part(content: bytes, disposition: str = 'form-data; name="file"; filename="a
     return f"--{BOUNDARY}\r\nContent-Disposition: {disposition}\r\n\r\n".encode() + content + b"\r\n"
 
 
+def named(name: str) -> str:
+    return f'form-data; name="file"; filename="{name}"'
+
+
 END = f"--{BOUNDARY}--\r\n".encode()
 
 
@@ -118,7 +122,11 @@ def test_utf8_name() -> None:
         (END, 'no field "file"'),
         (part(b"x", 'form-data; name="mesh"; filename="a.stl"') + END, 'other than "file"'),
         (part(b"paper", 'form-data; name="mode"') + END, "query string"),
-        (part(b"x") + part(b"y") + END, "several files"),
+        (part(b"x") + part(b"y", named("b.obj")) + END, "several files that are meshes"),
+        (part(b"x", named("a.bin")) + part(b"y", named("a.mtl")) + END, "none of which is a mesh"),
+        (part(b"x") + part(b"y", named("A.STL")) + END, "several files of one name"),
+        (b"".join(part(b"x", named(f"{i}.bin")) for i in range(65)) + END, "more than 64 files"),
+        (b"".join(part(b"x", named(f"{i}{'y' * 240}.bin")) for i in range(40)) + END, "longer names"),
         (part(b"x") + part(b"paper", 'form-data; name="mode"') + END, "query string"),
         (part(b"x", 'form-data; name="file"') + END, "no file name"),
         (part(b"x", 'form-data; name="file"; filename=""') + END, "empty file name"),
@@ -129,7 +137,7 @@ def test_utf8_name() -> None:
     ],
 )
 def test_malformed_forms_are_told_apart(body: bytes, says: str) -> None:
-    error = refusal(Body([body]))
+    error = refusal(Body([body]), limit=100_000)
     assert error.problem.slug == "malformed-request"
     assert says in error.detail
 
@@ -141,6 +149,19 @@ def test_other_content_types_are_refused_unread(content_type: str) -> None:
     body = Body([part(b"x") + END])
     assert refusal(body, content_type=content_type).problem.slug == "malformed-request"
     assert body.taken == 0
+
+
+@pytest.mark.parametrize("spool_bytes", [0, 1 << 20])
+@pytest.mark.parametrize("first", [True, False])
+def test_files_that_a_mesh_refers_to_come_beside_it(tmp_path: Path, spool_bytes: int, first: bool) -> None:
+    mesh, buffer = part(b"{}", named("models/a.GLTF")), part(b"\0\1\2", named("a.bin"))
+    body = (mesh + buffer if first else buffer + mesh) + part(b"", named("wood.png")) + END
+    with read(Body([body[:90], body[90:]]), spool_bytes=spool_bytes, spool_dir=str(tmp_path)) as upload:
+        assert (upload.filename, upload.size) == ("a.GLTF", 5)
+        both = (("a.GLTF", 2), ("a.bin", 3)) if first else (("a.bin", 3), ("a.GLTF", 2))
+        assert upload.parts == (*both, ("wood.png", 0))
+        content = upload.data if isinstance(upload.source, bytes) else os.pread(upload.source, 99, 0)
+        assert content == (b"{}\0\1\2" if first else b"\0\1\2{}")
 
 
 def test_declared_length_over_the_limit_is_refused_unread() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from model import Detector
 from model.completion.mirroring import Completed, complete, halve, merged
@@ -179,3 +180,34 @@ def test_what_only_one_side_has_is_added_to_the_other() -> None:
     corners = result.vertices[result.faces[middle < -1.05]] + [1.6, 0.0, 0.0]
     volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     assert volume == pytest.approx(0.04)
+
+
+def glued(other_cut: bool) -> Mesh:
+    """Two closed boxes that meet at x = 0, each with a wall of its own there; the walls may be cut differently."""
+    left, right = trimesh.creation.box((2, 2, 2)), trimesh.creation.box((2, 2, 2))
+    left.apply_translation([-1, 0, 0])
+    right.apply_translation([1, 0, 0])
+    if other_cut:
+        right = right.subdivide()
+    joined = trimesh.util.concatenate([left, right])
+    return Mesh.checked(joined.vertices, joined.faces)
+
+
+@pytest.mark.parametrize("other_cut", [False, True])
+@pytest.mark.parametrize("positive", [False, True])
+def test_a_double_wall_in_the_plane_is_kept_once(other_cut: bool, positive: bool) -> None:
+    vertices, faces = halve(glued(other_cut), np.array([1.0, 0, 0, 0]), positive=positive)
+    half = trimesh.Trimesh(vertices, faces, process=False)
+    assert half.area == pytest.approx(24.0)
+    assert half.is_watertight
+    assert half.volume == pytest.approx(8.0)  # the wall looks away from the half
+
+
+def test_a_copied_wall_is_kept_once_and_a_lone_one_stays() -> None:
+    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1], [1, 0, 0]])
+    wall = np.array([[0, 1, 2], [0, 2, 3]])
+    plane = np.array([1.0, 0, 0, 0])
+    for copies in (1, 2):
+        for turned in (wall, wall[:, ::-1]):
+            faces = np.concatenate([[[0, 1, 4]], *[turned] * copies])
+            assert len(halve(Mesh.checked(square, faces), plane)[1]) == 3

@@ -184,7 +184,7 @@ def point_backwards(document):
         ("a.gltf", '{"a":' * 100_000, UnreadableMeshError, "JSON"),
         ("a.gltf", '{"asset": {"version": "1.0"}}', UnsupportedFormatError, "version 2"),
         ("a.gltf", '{"asset": {"version": "2.0"}}', EmptyMeshError, "no faces"),
-        ("a.gltf", changed_gltf(set_uri), UnreadableMeshError, "not followed"),
+        ("a.gltf", changed_gltf(set_uri), UnreadableMeshError, "both in one upload"),
         ("a.gltf", changed_gltf(add_parent), UnreadableMeshError, "parent"),
         ("a.gltf", changed_gltf(make_cycle), UnreadableMeshError, "parent"),
         ("a.gltf", changed_gltf(ask_for_much), UnreadableMeshError, "beyond"),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from model.errors import UnsupportedFormatError
 from model.formats import read_mesh
 from tests.model.mesh_files import XML_TETRAHEDRON, corners_gltf, embedded_gltf, gltf, three_mf
 
@@ -99,13 +98,6 @@ def test_gltf_strided_quantised_and_sparse_accessors():
     data = gltf(buffer, [accessor], views, [{"attributes": {"POSITION": 0}, "mode": 5}])
     read = read_mesh(data, "a.gltf")
     assert read.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]]
-
-
-@pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"])
-def test_gltf_extensions_that_hide_geometry_are_named(name):
-    data = corners_gltf({"indices": 1}, [0, 1, 2], extensionsUsed=[name])
-    with pytest.raises(UnsupportedFormatError, match="not supported"):
-        read_mesh(data, "a.gltf")
 
 
 # --- 3MF ----------------------------------------------------------------------------------------------------

@@ -1,0 +1,138 @@
+"""``prsnet complete``, ``halve`` and ``align``: meshes made from a mesh and its symmetries."""
+
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from app.cli.inputs import require_free, standard_input
+from app.cli.options import (
+    ApiKey,
+    Exit,
+    MaxError,
+    MeshFile,
+    Offset,
+    OutputFile,
+    Overwrite,
+    Url,
+    Weights,
+    load,
+    plane_of,
+    reason_of,
+    require_max_error,
+)
+
+
+def complete(
+    file: MeshFile,
+    output: OutputFile,
+    normal: Annotated[str | None, typer.Option(help="Plane to mirror at, as x,y,z (default: the best found).")] = None,
+    offset: Offset = 0.0,
+    symmetrize: Annotated[bool, typer.Option("--symmetrize", help="Also average both halves.")] = False,
+    overwrite: Overwrite = False,
+    max_error: MaxError = 4e-4,
+    weights: Weights = "default",
+    url: Url = None,
+    api_key: ApiKey = None,
+) -> None:
+    """Complete a mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
+    from app import local
+    from app.client.client import Client
+
+    require_max_error(max_error)
+    options: dict[str, Any] = {"plane": plane_of(normal, offset), "symmetrize": symmetrize, "max_error": max_error}
+    with _output(file, output, overwrite) as source:
+        if url is None:
+            load(weights)
+            done = local.complete(source, weights=weights, **options)
+        else:
+            with Client(url, api_key=api_key) as client:
+                done = client.complete(source, format=local.mesh_format(output), **options)
+        done.save(output)
+    what = done.completion
+    _warn(file, what.warnings)
+    typer.echo(
+        f"{output}: {what.faces_kept} faces kept, {what.faces_added} added "
+        f"({100 * what.area_added:.1f} % of the surface); seam closed over {what.seam_distance:.2g}; "
+        f"plane with an error of {what.plane.symmetry_error:.1e}"
+    )
+
+
+def halve(
+    file: MeshFile,
+    output: OutputFile,
+    normal: Annotated[str | None, typer.Option(help="Plane to cut at, as x,y,z (default: the best found).")] = None,
+    offset: Offset = 0.0,
+    other: Annotated[bool, typer.Option("--other", help="Keep the side the normal points away from.")] = False,
+    overwrite: Overwrite = False,
+    max_error: MaxError = 4e-4,
+    weights: Weights = "default",
+) -> None:
+    """Keep one half of a symmetric mesh, cut exactly at the plane and open there."""
+    from app import local
+    from model.errors import NoPlaneError
+    from model.formats.conversion import as_mesh
+
+    require_max_error(max_error)
+    plane: Any = plane_of(normal, offset)
+    with _output(file, output, overwrite) as source:
+        if plane is None:
+            load(weights)
+            planes = local.detect(source, max_error=max_error, weights=weights).planes
+            if not planes:
+                raise NoPlaneError(f"no mirror plane has an error of at most {max_error:g}")
+            plane = planes[0]
+        mesh = as_mesh(source)
+        half = local.half_of(mesh, plane, positive=not other)
+        _warn(file, mesh.warnings)
+        output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors))
+    typer.echo(f"{output}: {len(half.faces)} faces")
+
+
+def align(
+    file: MeshFile,
+    output: OutputFile,
+    overwrite: Overwrite = False,
+    max_error: MaxError = 4e-4,
+    weights: Weights = "default",
+) -> None:
+    """Turn and shift a copy of a mesh: its symmetry plane onto YZ, its main axis onto Z."""
+    from app import local
+    from model.formats.conversion import as_mesh
+
+    require_max_error(max_error)
+    with _output(file, output, overwrite) as source:
+        load(weights)
+        mesh = as_mesh(source)
+        done = local.align(mesh, max_error=max_error, weights=weights)
+        _warn(file, mesh.warnings)
+        done.save(output)
+    rows = "; ".join(" ".join(f"{value:.9g}" for value in row) for row in done.matrix.tolist())
+    typer.echo(f"{output}: {len(done.faces)} faces, moved by {rows}")
+
+
+def _warn(file: Path, warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        typer.echo(f"{file}: warning: {warning}", err=True)
+
+
+@contextmanager
+def _output(file: Path, output: Path, overwrite: bool) -> Generator[Path, None, None]:
+    """The file to read, while one is made from it; what goes wrong is told and ends the command."""
+    from app import local
+    from app.client.errors import ClientError, UnreachableError
+    from model.errors import MeshError
+
+    try:
+        local.writer_for(output)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--output") from error
+    require_free([output], overwrite)
+    with standard_input([str(file)]) as (name,):
+        try:
+            yield Path(name)
+        except (OSError, MeshError, ClientError) as error:
+            typer.echo(f"{file}: {reason_of(error)}", err=True)
+            raise typer.Exit(Exit.NO_SERVICE if isinstance(error, UnreachableError) else Exit.SOME_FAILED) from error

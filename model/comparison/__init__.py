@@ -1,0 +1,1 @@
+"""Comparing two meshes: the same part, its mirror image, or another one."""

@@ -1,0 +1,215 @@
+"""The meshes of a glTF file in their own coordinates: primitives, morph targets, skins, Draco."""
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from model.errors import UnreadableMeshError
+from model.formats._common import Limits, as_indices, no_faces, strip
+from model.formats._gltf_buffers import Buffers
+from model.types import AnyArray, FloatArray, IntArray
+
+_draco: Any = importlib.import_module("DracoPy")  # it has no type information
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_DRACO = "KHR_draco_mesh_compression"
+_MOST_INFLUENCES = 8  # sets of four joints a vertex
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """One mesh of the file in its own coordinates; with a skin, (v, k) joints of each vertex and their weights."""
+
+    vertices: FloatArray
+    faces: IntArray
+    joints: IntArray | None = None
+    weights: FloatArray | None = None
+    light: FloatArray | None = None  # (v, 4) linear colours, if any part has some
+
+    def posed(self, matrices: FloatArray) -> FloatArray:
+        """The vertices (v, 3) where the joints' matrices (j, 4, 4) take them."""
+        assert self.joints is not None
+        assert self.weights is not None
+        if self.joints.size and int(self.joints.max()) >= len(matrices):
+            raise UnreadableMeshError("The glTF file has a vertex that refers to a joint that does not exist.")
+        result = np.zeros_like(self.vertices)
+        for joints, weights in zip(self.joints.T, self.weights.T, strict=True):
+            moved = np.einsum("vij,vj->vi", matrices[joints, :3, :3], self.vertices) + matrices[joints, :3, 3]
+            result += weights[:, None] * moved
+        return result
+
+
+class Bodies:
+    """Reads meshes as they are asked for."""
+
+    def __init__(self, document: Any, buffers: Buffers, limits: Limits) -> None:
+        self._json = document
+        self._buffers = buffers
+        self._limits = limits
+        self._bodies: dict[tuple[int, tuple[float, ...]], Body] = {}
+        self._without_surface = 0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was passed over."""
+        if not self._without_surface:
+            return ()
+        some = "One part" if self._without_surface == 1 else f"{self._without_surface} parts"
+        return (f"{some} of the file made of points or lines had no surface and played no role.",)
+
+    def get(self, index: int, weights: tuple[float, ...] | None) -> Body:
+        """A mesh with the weights of its morph targets; None for the mesh's own."""
+        mesh = self._json["meshes"][index]
+        chosen = tuple(map(float, mesh.get("weights", ()))) if weights is None else weights
+        key = index, chosen
+        if key not in self._bodies:
+            self._bodies[key] = self._read(mesh, chosen)
+        return self._bodies[key]
+
+    def _read(self, mesh: Any, weights: tuple[float, ...]) -> Body:
+        """The triangles of a mesh; primitives that share all that moves their vertices share the vertices."""
+        vertices: list[FloatArray] = []
+        faces: list[IntArray] = [no_faces()]
+        influences: list[tuple[IntArray, FloatArray] | None] = []
+        light: list[FloatArray] = []
+        starts: dict[Any, tuple[int, int]] = {}
+        total, made = 0, 0
+        for primitive in mesh["primitives"]:
+            mode = primitive.get("mode", _TRIANGLES)
+            attributes = primitive["attributes"]
+            if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
+                self._without_surface += 1
+                continue
+            draco = primitive.get("extensions", {}).get(_DRACO)
+            mode = mode if draco is None else _TRIANGLES  # Draco stores strips as triangles too
+            key = (
+                attributes["POSITION"],
+                repr(primitive.get("targets")),
+                repr(attributes.get("JOINTS_0")),
+                repr(draco),
+                primitive.get("material"),
+                attributes.get("COLOR_0"),
+            )
+            indices: IntArray | None = None
+            if key not in starts or draco is not None:
+                self._limits.check(vertices=total + self._buffers.count(attributes["POSITION"]))
+                if draco is None:
+                    points = self._buffers.accessor(attributes["POSITION"], 3).astype(np.float64)
+                else:
+                    points, indices = self._decoded(draco)
+                points = self._morphed(points, primitive.get("targets", ()), weights)
+                starts[key] = total, len(points)
+                vertices.append(points)
+                influences.append(self._influences(attributes, len(points)))
+                light.append(self._light(primitive, len(points), draco is None))
+                total += len(points)
+            start, count = starts[key]
+            if indices is not None:
+                pass
+            elif "indices" in primitive:
+                self._check_faces(primitive["indices"], mode, made)
+                indices = as_indices(self._buffers.accessor(primitive["indices"], 1).reshape(-1))
+            else:
+                indices = np.arange(count, dtype=np.int32)
+            if indices.size and (indices.min() < 0 or indices.max() >= count):
+                raise UnreadableMeshError("The glTF file has a face that refers to a vertex that does not exist.")
+            faces.append(_triangles(indices, mode) + np.int32(start))
+            made += len(faces[-1])
+            self._limits.check(vertices=total, faces=made)
+        joined = np.concatenate(vertices) if vertices else np.empty((0, 3))
+        tinted = np.concatenate(light) if light else np.empty((0, 4))
+        return Body(
+            joined,
+            np.concatenate(faces),
+            *_joined_influences(influences, [len(part) for part in vertices]),
+            light=tinted if tinted.size and bool((tinted != 1.0).any()) else None,
+        )
+
+    def _morphed(self, points: FloatArray, targets: Any, weights: tuple[float, ...]) -> FloatArray:
+        for target, weight in zip(targets, weights, strict=False):
+            if weight != 0.0 and "POSITION" in target:
+                points = points + weight * self._buffers.accessor(target["POSITION"], 3)
+        return points
+
+    def _influences(self, attributes: Any, count: int) -> tuple[IntArray, FloatArray] | None:
+        """Joints (v, k) and weights (v, k) that add up to one."""
+        joints: list[AnyArray] = []
+        weights: list[AnyArray] = []
+        for number in range(_MOST_INFLUENCES):
+            if f"JOINTS_{number}" not in attributes:
+                break
+            joints.append(as_indices(self._buffers.accessor(attributes[f"JOINTS_{number}"], 4)))
+            weights.append(self._buffers.accessor(attributes[f"WEIGHTS_{number}"], 4).astype(np.float64))
+        if not joints:
+            return None
+        which, much = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+        if len(which) != count or len(much) != count or (which.size and which.min() < 0):
+            raise UnreadableMeshError("The glTF file has joints that do not belong to its vertices.")
+        sums = much.sum(axis=1)
+        much[sums == 0.0, 0] = 1.0
+        return which, much / np.where(sums == 0.0, 1.0, sums)[:, None]
+
+    def _light(self, primitive: Any, count: int, stored: bool) -> FloatArray:
+        """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white."""
+        light = np.ones((count, 4))
+        attributes = primitive["attributes"]
+        try:
+            if stored and "COLOR_0" in attributes:
+                width = 3 if self._json["accessors"][attributes["COLOR_0"]]["type"] == "VEC3" else 4
+                values = self._buffers.accessor(attributes["COLOR_0"], width).astype(np.float64)
+                if len(values) == count:
+                    light[:, :width] = values
+            if "material" in primitive:
+                surface = self._json["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
+                light *= np.array(surface.get("baseColorFactor", [1.0] * 4), dtype=np.float64).reshape(4)
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, UnreadableMeshError):
+            return np.ones((count, 4))  # a shape with broken colours is a shape all the same
+        return light
+
+    def _check_faces(self, index: int, mode: int, made: int) -> None:
+        """Primitives may share indices: a few bytes of JSON can ask for as many triangles as there are bytes."""
+        count = self._buffers.count(index)
+        self._limits.check(faces=made + (count // 3 if mode == _TRIANGLES else max(count - 2, 0)))
+
+    def _decoded(self, draco: Any) -> tuple[FloatArray, IntArray]:
+        """Positions and indices of a primitive that is compressed with Draco."""
+        data = self._buffers.bytes_of(draco["bufferView"])
+        try:
+            mesh = _draco.decode(data)
+            points = np.array(mesh.points, dtype=np.float64).reshape(-1, 3)
+            return points, as_indices(np.array(mesh.faces).reshape(-1))
+        except MemoryError:
+            raise
+        except Exception as error:
+            raise UnreadableMeshError("The glTF file has Draco data that cannot be decoded.") from error
+
+
+def _joined_influences(
+    parts: list[tuple[IntArray, FloatArray] | None], counts: list[int]
+) -> tuple[IntArray, FloatArray] | tuple[None, None]:
+    """Joints and weights of all vertices in a row; parts without any follow the first joint."""
+    width = max((part[0].shape[1] for part in parts if part is not None), default=0)
+    if width == 0:
+        return None, None
+    joints = np.zeros((sum(counts), width), dtype=np.int32)
+    weights = np.zeros((sum(counts), width))
+    start = 0
+    for part, count in zip(parts, counts, strict=True):
+        if part is None:
+            weights[start : start + count, 0] = 1.0
+        else:
+            joints[start : start + count, : part[0].shape[1]] = part[0]
+            weights[start : start + count, : part[1].shape[1]] = part[1]
+        start += count
+    return joints, weights
+
+
+def _triangles(indices: IntArray, mode: int) -> IntArray:
+    if mode == _TRIANGLES:
+        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    if mode == _STRIP:
+        return strip(indices)
+    if len(indices) < 3:
+        return no_faces()
+    return np.stack([np.full(len(indices) - 2, indices[0], np.int32), indices[1:-1], indices[2:]], axis=1)

@@ -1,0 +1,81 @@
+"""Colours of vertices: carried over to what is made of a mesh, and between the two ways to count light."""
+
+import numpy as np
+
+from model.geometry.surface import SurfaceIndex
+from model.geometry.transforms import reflect
+from model.meshes.mesh import Mesh
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+
+
+def carried_colors(
+    mesh: Mesh, vertices: FloatArray, faces: IntArray, mirrored: BoolArray, plane: FloatArray
+) -> tuple[FloatArray, IntArray, ByteArray]:
+    """The colours of a mesh on a surface that was made of it and of its mirror image.
+
+    Every corner gets the colour of the place it came from on the face that its own face came from; so edges between
+    colours stay sharp, and vertices where colours meet become several.
+
+    Args:
+        mesh: with colours.
+        vertices: ``(v, 3)`` of the new surface, in the mesh's coordinates.
+        faces: ``(f, 3)``.
+        mirrored: ``(f,)`` which of them come from the mirror image.
+        plane: ``(n, d)`` ``(4,)`` that they were mirrored at.
+
+    Returns:
+        vertices ``(w, 3)``, faces ``(f, 3)``, and colours ``(w, 4)`` uint8 of the vertices.
+    """
+    assert mesh.colors is not None
+    corners = vertices[faces]
+    corners[mirrored] = reflect(corners[mirrored].reshape(-1, 3), plane).reshape(-1, 3, 3)
+    _, _, sources = SurfaceIndex(mesh.vertices, mesh.faces).closest(np.ascontiguousarray(corners.mean(axis=1)))
+    source = mesh.faces[sources]
+    weights = _barycentric(corners, mesh.vertices[source])
+    colors = np.einsum("fck,fkh->fch", weights, mesh.colors[source].astype(np.float64))
+    rounded = np.clip(np.rint(colors), 0, 255).astype(np.uint8)
+    keys = np.concatenate([faces.reshape(-1, 1).astype(np.int64), rounded.reshape(-1, 4).astype(np.int64)], axis=1)
+    packed = keys[:, 0] << 32 | keys[:, 1] << 24 | keys[:, 2] << 16 | keys[:, 3] << 8 | keys[:, 4]
+    _, first, inverse = np.unique(packed, return_index=True, return_inverse=True)
+    split = vertices[keys[first, 0]]
+    return split, inverse.reshape(-1, 3).astype(np.int32), np.ascontiguousarray(rounded.reshape(-1, 4)[first])
+
+
+def _barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """Coordinates (f, c, 3) of points (f, c, 3) in triangles (f, 3 corners, 3), moved inside; a third where flat."""
+    a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    uu, uv, vv = (np.einsum("ij,ij->i", x, y)[:, None] for x, y in ((u, u), (u, v), (v, v)))
+    to = points - a[:, None]
+    pu, pv = np.einsum("fcx,fx->fc", to, u), np.einsum("fcx,fx->fc", to, v)
+    det = uu * vv - uv * uv
+    flat = ~(det > 1e-18 * uu * vv)
+    det = np.where(flat, 1.0, det)
+    second, third = (vv * pu - uv * pv) / det, (uu * pv - uv * pu) / det
+    weights = np.stack([1.0 - second - third, second, third], axis=2)
+    weights = np.clip(np.where(flat[..., None], 1.0 / 3.0, weights), 0.0, 1.0)
+    return weights / weights.sum(axis=2, keepdims=True)
+
+
+def to_linear(colors: ByteArray) -> AnyArray:
+    """SRGB ``(v, 4)`` of 8 bits as linear light of 16 bits, as glTF counts it; opacity only scaled."""
+    table = _linear(np.arange(256) / 255.0)
+    result = np.empty(colors.shape, dtype=np.uint16)
+    result[:, :3] = np.rint(65535.0 * table).astype(np.uint16)[colors[:, :3]]
+    result[:, 3] = colors[:, 3].astype(np.uint16) * 257
+    return result
+
+
+def from_linear(light: FloatArray) -> ByteArray:
+    """Linear light ``(v, 3 or 4)`` from 0 to 1 as sRGB ``(v, 4)`` of 8 bits."""
+    light = np.clip(np.nan_to_num(light), 0.0, 1.0)
+    result = np.full((len(light), 4), 255, dtype=np.uint8)
+    rgb = light[:, :3]
+    curved = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * np.maximum(rgb, 1e-9) ** (1.0 / 2.4) - 0.055)
+    result[:, :3] = np.rint(255.0 * curved)
+    if light.shape[1] == 4:
+        result[:, 3] = np.rint(255.0 * light[:, 3])
+    return result
+
+
+def _linear(values: FloatArray) -> FloatArray:
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)

@@ -1,0 +1,75 @@
+"""Files that need more than a reader of triangles, through a real server: libraries work inside the sandbox too."""
+
+import json
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from app import Client, UnusableMeshError
+from tests.model.formats.test_gltf_as_shown import draco_gltf, separate
+
+from .server import Server
+
+STAR = [(np.cos(t) * r, np.sin(t) * r) for t, r in zip(np.pi * np.arange(10) / 5, [10, 4] * 5, strict=True)]
+
+
+def star_obj() -> bytes:
+    """A prism over a star, with its two ends as concave polygons."""
+    lines = [f"v {x!r} {y!r} {z}" for z in (0, 3) for x, y in np.array(STAR).tolist()]
+    lines += ["f " + " ".join(str(i + 1) for i in range(9, -1, -1)), "f " + " ".join(str(i + 11) for i in range(10))]
+    lines += [f"f {i + 1} {(i + 1) % 10 + 1} {(i + 1) % 10 + 11} {i + 11}" for i in range(10)]
+    return "\n".join(lines).encode()
+
+
+def test_concave_polygons_draco_and_meshopt_are_read_by_the_workers(server: Server, data: Path) -> None:
+    star = server.detect("star.obj", star_obj())
+    assert star.json()["point_group"] == "D5h", star.text
+    assert all(plane["exact"] for plane in star.json()["planes"])
+    mesh, draco = draco_gltf()
+    assert server.detect("a.gltf", draco).json()["mesh"]["faces"] == len(mesh.faces)
+    for name in ("torus_meshopt.glb", "torus_meshopt_exponential.glb"):
+        answer = server.detect(name, (data / name).read_bytes())
+        assert answer.json()["mesh"]["faces"] == 576, answer.text
+
+
+def test_warnings_reach_the_answer(server: Server) -> None:
+    text = star_obj() + b"\nv 0 0 9\n" + b"f 1 2 999\n"
+    (warning,) = server.detect("star.obj", text).json()["warnings"]
+    assert warning.startswith("1 face was left out")
+
+
+def test_a_gltf_file_and_its_buffer_go_in_one_upload(server: Server, tmp_path: Path) -> None:
+    mesh, text, files = separate("data/")
+    form = [("file", ("a.gltf", text)), *(("file", (name, content)) for name, content in files.items())]
+    whole = httpx.post(f"{server.url}/detect", files=form, timeout=60)
+    assert whole.status_code == 200, whole.text
+    assert whole.json()["mesh"]["filename"] == "a.gltf"
+    assert whole.json()["mesh"]["faces"] == len(mesh.faces)
+    alone = server.detect("a.gltf", text)
+    assert (alone.status_code, alone.json()["type"]) == (422, "/problems/unreadable-mesh")
+    assert "-F file=@chair.gltf -F file=@chair.bin" in alone.json()["detail"]
+    completed = httpx.post(f"{server.url}/complete?normal=1,0,0", files=form, timeout=60)
+    assert completed.status_code == 200, completed.text
+
+    (tmp_path / "data").mkdir()
+    (tmp_path / "a.gltf").write_bytes(text)
+    with Client(server.url) as client:
+        with pytest.raises(UnusableMeshError):
+            client.detect(tmp_path / "a.gltf")
+        for name, content in files.items():
+            (tmp_path / "data" / name).write_bytes(content)
+        assert client.detect(tmp_path / "a.gltf").mesh.faces == len(mesh.faces)
+        assert client.detect({"a.gltf": text, **files}).mesh.faces == len(mesh.faces)
+
+
+def test_a_file_outside_the_folder_is_not_sent(server: Server, tmp_path: Path) -> None:
+    _, text, files = separate("../")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.gltf").write_bytes(text)
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    with Client(server.url) as client, pytest.raises(UnusableMeshError):
+        client.detect(tmp_path / "in" / "a.gltf")
+    assert json.loads(text)["buffers"][0]["uri"].startswith("../")
