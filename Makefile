@@ -77,7 +77,7 @@ $(VENV)/.serve: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing the service, training and development tools into $(VENV) (the first time takes some minutes) ...'
-	@$(INSTALL) -e '.[train,dev,docs,otel]'
+	@$(INSTALL) -e '.[train,dev,docs,otel,bulk]'
 	@touch $(VENV)/.serve $@
 
 $(BIN)/python:

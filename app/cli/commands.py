@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app.cli.batch import Outcome, Task
+from app.cli.bulk import bulk
 from app.schemas import Include, LevelName, Mode
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all files failed, "
     "4 the service of --url is not there.",
 )
+app.command()(bulk)
 
 
 class Exit(IntEnum):
