@@ -31,9 +31,9 @@ def main() -> int:
 
     from ray.cluster_utils import Cluster
 
-    # the store of a node only holds names and counts
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "object_store_memory": 100 << 20})
-    nodes = [cluster.add_node(num_cpus=1, object_store_memory=100 << 20) for _ in range(options.nodes)]
+    node = {"num_cpus": 1, "object_store_memory": 100 << 20}  # which holds names and counts only
+    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    others = [cluster.add_node(**node) for _ in range(options.nodes - 1)]
     began = time.perf_counter()
     killed_with = None
     try:
@@ -42,7 +42,7 @@ def main() -> int:
         process = subprocess.Popen([*command, "--address", cluster.address], env=environment)
         while options.kill and process.poll() is None:
             if parts := list(options.output.glob("*.parquet")):
-                cluster.remove_node(nodes[0], allow_graceful=False)
+                cluster.remove_node(others[0], allow_graceful=False)
                 killed_with = len(parts)
                 break
             time.sleep(0.05)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from app.bulk.arrow import pa
+from app.bulk.libraries import pa
 from app.schemas import DetectResponse
 
 _LEFT_OUT = frozenset({"rejected", "bop"})  # only in answers that were asked for them

@@ -15,7 +15,7 @@ from pathlib import PurePosixPath
 from typing import Any, TypeVar
 
 from app.bulk import columns
-from app.bulk.arrow import pa
+from app.bulk.libraries import pa
 from app.bulk.locations import Store
 from app.bulk.plan import Piece
 from app.bulk.results import Part

@@ -7,7 +7,7 @@ was working on and nothing that it had finished, and no memory grows with the nu
 
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
@@ -15,7 +15,7 @@ from typing import Any
 
 from app.bulk.detecting import BulkDetector, Task
 from app.bulk.locations import Input, Store
-from app.bulk.plan import Piece, missing, pieces
+from app.bulk.plan import MOST_FILES, Piece, missing, pieces
 from app.bulk.results import Part, Results
 from app.problems import WORKER_LOST
 
@@ -25,8 +25,6 @@ _ENVIRONMENT = {
     "RAY_BACKEND_LOG_LEVEL": "fatal",  # what goes wrong is told by rows, and by this module
     "RAY_AUTH_MODE": "token",  # nobody else on the machine may run code here
 }
-_RETRIES = {"max_task_retries": 2}  # beside these, machines that are lost would be waited for without end
-_PASSES = 2
 _CORES_AN_ACTOR = 4
 _OBJECT_STORE = 128 << 20  # only names and counts are in it
 _AHEAD = 2  # pieces at a time an actor has: its workers need not wait while the last file of one is worked on
@@ -52,7 +50,7 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str | None, cores: int) -> Iterator[Cluster]:
+def connected(address: str | None, cores: int) -> Generator[Cluster]:
     """Ray on this machine with so many cores, or the cluster at an address.
 
     Raises:
@@ -76,29 +74,28 @@ def connected(address: str | None, cores: int) -> Iterator[Cluster]:
 
 
 def run(task: Task, inputs: list[Input], cluster: Cluster, on_progress: Callable[[Progress], None]) -> int:
-    """Give every input that has no row one; the number of inputs that had none.
+    """Give every input that has no row one; the number of meshes that were worked on.
 
-    What Ray could not get done, because an actor died on it again and again, is tried once more, alone; an input on
-    which even that fails gets a row that says so.
+    Ray gives a lost machine's pieces to others by itself. What an actor failed on (it could not write, say) is tried
+    once more, alone; an input on which even that fails gets a row that says so.
+
+    Raises:
+        OSError: the output cannot be read or written.
     """
     results = Results(Store(task.target))
     task = replace(task, settings={**task.settings, "workers": cluster.cores_an_actor})
-    count = 0
-    for attempt in range(_PASSES):
+    meshes = 0
+    for most in (MOST_FILES, 1):
         left = missing(inputs, results.done())
-        if attempt == 0:
-            count = len(left)
-        if not left:
-            return count
-        planned = pieces(left, cluster.cores) if attempt == 0 else pieces(left, cluster.cores, most=1)
-        _work(task, planned, cluster, on_progress)
+        if left:
+            meshes += _work(task, pieces(left, cluster.cores, most), cluster, on_progress)
     for item in missing(inputs, results.done()):
         _give_up(results, item)
-    return count
+    return meshes
 
 
-def _work(task: Task, planned: list[Piece], cluster: Cluster, on_progress: Callable[[Progress], None]) -> None:
-    """Have the pieces worked on, in whatever order."""
+def _work(task: Task, planned: list[Piece], cluster: Cluster, on_progress: Callable[[Progress], None]) -> int:
+    """Have the pieces worked on, in whatever order; the number of meshes in them."""
     from ray.data import ActorPoolStrategy, DataContext
 
     context: Any = DataContext.get_current()
@@ -121,17 +118,17 @@ def _work(task: Task, planned: list[Piece], cluster: Cluster, on_progress: Calla
             max_tasks_in_flight_per_actor=_AHEAD,
             enable_true_multi_threading=True,
         ),
-        ray_remote_args_fn=_RETRIES.copy,
     )
     total = sum(piece.cost for piece in planned)
     meshes = problems = cost = 0
     for row in work.iter_rows():
         meshes, problems, cost = meshes + row["meshes"], problems + row["problems"], cost + row["cost"]
         on_progress(Progress(meshes, problems, cost / total))
+    return meshes
 
 
 def _give_up(results: Results, item: Input) -> None:
-    detail = "The actor that worked on it died, again and again."
+    detail = "What worked on it failed, alone as well; the log of the actor says why."
     part = Part(results.store, item.path)
     row = {"path": item.path, "shard": item.path if item.is_shard else None, "bytes": item.size}
     part.add(row | {"problem": WORKER_LOST.slug, "detail": detail})

@@ -6,14 +6,14 @@ every other scheme by whatever fsspec knows for it. What a URI says after ``?`` 
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
-from app.bulk.arrow import filesystems, pa
+from app.bulk.libraries import filesystems, fsspec, pa
 from model.formats import SUPPORTED_FORMATS
 
 MESHES = tuple(f".{name}" for name in SUPPORTED_FORMATS)
@@ -70,7 +70,7 @@ class Store:
         return name.removeprefix(self._prefix)
 
     @contextmanager
-    def reading(self, name: str) -> Iterator[IO[bytes]]:
+    def reading(self, name: str) -> Generator[IO[bytes]]:
         """The file that the table calls ``name``, open.
 
         Raises:
@@ -128,10 +128,7 @@ class Store:
                 yield info.path, info.size
 
     def _matching(self, pattern: str) -> Iterator[tuple[str, int]]:
-        from fsspec.utils import glob_translate
-
-        translate: Any = glob_translate
-        matches = re.compile(str(translate(pattern))).match
+        matches = re.compile(str(fsspec("utils").glob_translate(pattern))).match
         folder = _MAGIC.split(pattern, maxsplit=1)[0].rpartition("/")[0] or "/"
         return ((path, size) for path, size in self._below(folder, missing_ok=True) if matches(path))
 
@@ -155,8 +152,5 @@ def _open(location: str) -> tuple[Any, str, str]:
 
 
 def _open_with_fsspec(scheme: str, address: str) -> tuple[Any, str, str]:
-    from fsspec.core import url_to_fs
-
-    connect: Any = url_to_fs
-    filesystem, inside = connect(address)
+    filesystem, inside = fsspec("core").url_to_fs(address)
     return filesystems.PyFileSystem(filesystems.FSSpecHandler(filesystem)), str(inside), f"{scheme}://"

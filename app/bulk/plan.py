@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from app.bulk.locations import Input
 from app.bulk.results import Done
 
-_MOST_FILES = 500
+MOST_FILES = 500
 _PIECES_A_WORKER = 8
 _BESIDE_BYTES = 20_000
 """What a mesh costs beside its bytes, in bytes: finding its symmetries depends little on its size."""
@@ -31,7 +31,7 @@ def missing(inputs: Iterable[Input], done: Done) -> list[Input]:
     return [item for item in inputs if item.path not in (done.shards if item.is_shard else done.files)]
 
 
-def pieces(inputs: Iterable[Input], workers: int, most: int = _MOST_FILES) -> list[Piece]:
+def pieces(inputs: Iterable[Input], workers: int, most: int = MOST_FILES) -> list[Piece]:
     """The inputs in pieces: small enough that all workers have some to the end, large enough to be few files.
 
     ``most`` files a piece; a shard is a piece of its own. Shards come first: they take longest.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.bulk import columns
-from app.bulk.arrow import dataset, filesystems, pa, parquet
+from app.bulk.libraries import dataset, filesystems, pa, parquet
 from app.bulk.locations import LocationError, Store
 
 _RUN = "_prsnet.json"

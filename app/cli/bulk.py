@@ -71,12 +71,14 @@ def bulk(
     count = len(job.missing(inputs, done))
     console.print(f"{len(inputs)} inputs, {count} of them without a row")
     if count:
-        with job.connected(address, workers) as cluster:
-            task = Task(store.location, results.store.location, mode, max_error, settings)
-            machines = "machine" if cluster.nodes == 1 else "machines"
-            console.print(f"{cluster.nodes} {machines}, {cluster.cores} cores, {cluster.actors} actors")
-            with _shown(console) as show:
+        task = Task(store.location, results.store.location, mode, max_error, settings)
+        try:
+            with job.connected(address, workers) as cluster, _shown(console) as show:
+                console.print(f"machines: {cluster.nodes}, cores: {cluster.cores}, actors: {cluster.actors}")
                 meshes = job.run(task, inputs, cluster, show)
+        except OSError as error:  # of which ConnectionError is one
+            typer.echo(str(error), err=True)
+            raise typer.Exit(1) from error
         spent = time.perf_counter() - began
         console.print(f"{meshes} meshes in {spent:.1f} s, {meshes / spent:.1f}/s")
     summary = summarise(results.rows())

@@ -53,7 +53,7 @@ def rows_of(actor: BulkDetector, s3: Bucket, files: Mapping[str, bytes]) -> dict
     rows = [row for file in Path(target).glob("*.parquet") for row in parquet.read_table(file).to_pylist()]
     for file in Path(target).glob("*.parquet"):
         file.unlink()
-    prefix = f"s3://catalogue/{folder}/"
+    prefix = f"s3://{s3.name}/{folder}/"
     found = {row["path"].removeprefix(prefix): row for row in rows}
     assert len(found) == len(rows)
     return found
@@ -155,8 +155,8 @@ def test_shards_have_a_row_a_mesh_and_a_damaged_one_says_so(actor: BulkDetector,
     assert rows["whole.tar/a/1.off"]["mesh"]["filename"] == "1.off"
 
 
-def test_a_file_that_has_gone_since_it_was_listed_gets_a_row(actor: BulkDetector) -> None:
-    actor.work(Piece(["s3://catalogue/in/gone.obj"], [10], False))
+def test_a_file_that_has_gone_since_it_was_listed_gets_a_row(actor: BulkDetector, s3: Bucket) -> None:
+    actor.work(Piece([f"s3://{s3.name}/in/gone.obj"], [10], False))
     (file,) = Path(actor._target.root).glob("*.parquet")
     (row,) = parquet.read_table(file).to_pylist()
     file.unlink()

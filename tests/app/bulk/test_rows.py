@@ -78,7 +78,7 @@ def test_the_same_in_a_bucket_and_in_what_fsspec_knows() -> None:
     with bucket() as s3:
         s3.put({f"meshes/{name}": b"12345" for name in NAMES})
         store = Store(s3.uri("meshes"))
-        expected = [f"s3://catalogue/meshes/{name}" for name in sorted(set(NAMES) - {"b/notes.txt"})]
+        expected = [f"s3://{s3.name}/meshes/{name}" for name in sorted(set(NAMES) - {"b/notes.txt"})]
         assert [item.path for item in store.list_inputs()] == expected
         assert [item.path for item in Store(s3.uri("meshes/**/*.stl")).list_inputs()] == [expected[3]]
         for name in expected:
@@ -131,8 +131,9 @@ def test_an_input_that_no_actor_survives_gets_a_row(tmp_path: Path, monkeypatch:
 
     tried: list[int] = []
 
-    def lost(task: Task, planned: list[object], *rest: object) -> None:
+    def lost(task: Task, planned: list[object], *rest: object) -> int:
         tried.append(len(planned))
+        return 0
 
     monkeypatch.setattr(job, "_work", lost)
     task = Task(str(DATA), str(tmp_path), "full", 4e-4, {})
