@@ -24,6 +24,7 @@ _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Ray tells nobody that it is used
     "RAY_BACKEND_LOG_LEVEL": "fatal",  # what goes wrong is told by rows, and by this module
 }
+_STARTS = 3
 _CORES_AN_ACTOR = 4
 _OBJECT_STORE = 128 << 20  # only names and counts are in it
 _AHEAD = 2  # pieces at a time an actor has: its workers need not wait while the last file of one is worked on
@@ -59,10 +60,8 @@ def connected(address: str | None, cores: int) -> Generator[Cluster]:
     # Ray asks for a token by itself, so that nobody else on the machine runs code here; it need not warn of that.
     logging.getLogger("ray._private.authentication").setLevel(logging.ERROR)
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.WARNING}
-    if address is None:
-        _ray.init(num_cpus=cores, include_dashboard=False, object_store_memory=_OBJECT_STORE, **quiet)
-    else:
-        _ray.init(address=address, **quiet)
+    local: dict[str, Any] = {"num_cpus": cores, "include_dashboard": False, "object_store_memory": _OBJECT_STORE}
+    _initialise(quiet | (local if address is None else {"address": address}))
     try:
         counts = [int(node["Resources"].get("CPU", 0)) for node in _ray.nodes() if node["Alive"]]
         counts = [count for count in counts if count]
@@ -72,6 +71,22 @@ def connected(address: str | None, cores: int) -> Generator[Cluster]:
         yield Cluster(sum(counts), len(counts), sum(count // each for count in counts), each)
     finally:
         _ray.shutdown()
+
+
+def _initialise(options: dict[str, Any]) -> None:
+    """Start or find Ray. A busy machine may not start it in the half minute that Ray gives itself, hence several tries.
+
+    Raises:
+        ConnectionError: it is not there.
+    """
+    for attempt in range(_STARTS):
+        try:
+            _ray.init(**options)
+            return
+        except Exception as error:  # Ray raises plain ones
+            _ray.shutdown()
+            if attempt == _STARTS - 1:
+                raise ConnectionError(f"Ray does not start: {error}") from error
 
 
 def run(task: Task, inputs: list[Input], cluster: Cluster, on_progress: Callable[[Progress], None]) -> int:
