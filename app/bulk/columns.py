@@ -78,8 +78,20 @@ def arrow_type(annotation: Any) -> Any:
         kinds = [kind for kind in arguments if kind is not types.NoneType]
         if len(kinds) == 1:
             return arrow_type(kinds[0])
+        if all(isinstance(kind, type) and issubclass(kind, BaseModel) for kind in kinds):
+            return _any_of(kinds)
     if origin in (list, tuple):
         return pa.list_(arrow_type(arguments[0]))
     if origin is dict:
         return pa.map_(arrow_type(arguments[0]), arrow_type(arguments[1]))
     raise TypeError(f"no column holds {annotation!r}")
+
+
+def _any_of(models: list[type[BaseModel]]) -> Any:
+    """A struct with the members of all models; those of another model are null."""
+    members: dict[str, Any] = {}
+    for model in models:
+        for field in _fields(model):
+            if members.setdefault(field.name, field).type != field.type:
+                raise TypeError(f"no column holds both kinds of {field.name}")
+    return pa.struct(list(members.values()))

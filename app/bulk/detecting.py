@@ -29,7 +29,7 @@ from app.problems import (
     WORKER_LOST,
     for_mesh_error,
 )
-from app.schemas import DetectResponse, Mode
+from app.schemas import DetectResponse, LevelName, Mode
 from app.settings import Settings
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
 from app.workers.pool import WorkerPool
@@ -54,6 +54,8 @@ class Task:
     target: str
     mode: Mode
     max_error: float
+    level: LevelName
+    tolerance: float | None
     settings: dict[str, Any]
 
 
@@ -224,6 +226,8 @@ class BulkDetector:
             filename=filename,
             mode=self._task.mode,
             max_error=self._task.max_error,
+            level=self._task.level,
+            tolerance=self._task.tolerance,
             include=[],
             max_vertices=settings.max_vertices,
             max_faces=settings.max_faces,

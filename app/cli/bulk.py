@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from app.schemas import Mode
+from app.schemas import LevelName, Mode
 
 if TYPE_CHECKING:
     from app.bulk.job import Progress
@@ -30,6 +30,10 @@ def bulk(
     cores: Annotated[int, typer.Option("--cores", "-j", min=0, help="Without --address: cores to use (0: all).")] = 0,
     mode: Annotated[Mode, typer.Option(help="full: refined; paper: the network's own output.")] = "full",
     max_error: Annotated[float, typer.Option(help="Largest symmetry error, unit frame (at most 1).")] = 4e-4,
+    level: Annotated[LevelName, typer.Option(help="Which group's elements: see prsnet detect.")] = "auto",
+    tolerance: Annotated[
+        float | None, typer.Option(help="Instead: the largest group at this RMS, input units.")
+    ] = None,
     weights: Annotated[str, typer.Option(help='"default", "paper", or the path of a .safetensors file.')] = "default",
 ) -> None:
     """Find the symmetries of any number of meshes (needs the extra "bulk"). A second run does what is missing.
@@ -39,6 +43,8 @@ def bulk(
     """
     if not 0 < max_error <= 1:
         raise typer.BadParameter("must be over 0 and at most 1", param_hint="--max-error")
+    if tolerance is not None and not 0 < tolerance <= 1e60:
+        raise typer.BadParameter("must be more than 0", param_hint="--tolerance")
     try:
         from app.bulk import job
     except ModuleNotFoundError as error:
@@ -57,7 +63,8 @@ def bulk(
         inputs = store.list_inputs()
         results = Results(Store(target))
         digest = load_checkpoint(weights).metadata["sha256"]
-        results.claim({"mode": mode, "max_error": max_error, "weights": digest})
+        question = {"mode": mode, "max_error": max_error, "level": level, "tolerance": tolerance, "weights": digest}
+        results.claim(question)
         if weights.endswith(".safetensors"):
             weights = str(Path(weights).absolute())
         settings = Settings(weights=weights).model_dump(exclude={"api_keys", "workers"})
@@ -71,7 +78,7 @@ def bulk(
     count = len(job.missing(inputs, done))
     console.print(f"{len(inputs)} inputs, {count} of them without a row")
     if count:
-        task = Task(store.location, results.store.location, mode, max_error, settings)
+        task = Task(store.location, results.store.location, mode, max_error, level, tolerance, settings)
         try:
             with job.connected(address, workers) as cluster, _shown(console) as show:
                 console.print(f"machines: {cluster.nodes}, cores: {cluster.cores}, actors: {cluster.actors}")

@@ -37,7 +37,7 @@ def actor(s3: Bucket, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bulk
     """Reads from the bucket, writes to a folder."""
     target = tmp_path_factory.mktemp("rows")
     settings = Settings(**SETTINGS).model_dump(exclude={"api_keys"})
-    started = BulkDetector(Task(s3.uri("in"), str(target), "full", 4e-4, settings))
+    started = BulkDetector(Task(s3.uri("in"), str(target), "full", 4e-4, "auto", None, settings))
     yield started
     started.close()
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("ray", reason="the extra bulk is not installed")
+import pyarrow as pa
 from pyarrow import parquet
+from pydantic import BaseModel
 
 from app.bulk import columns
 from app.bulk.job import run
@@ -46,6 +48,30 @@ def test_every_member_of_an_answer_has_a_column() -> None:
     assert set(columns.schema().names) == (members - {"rejected", "bop"}) | set(columns.OWN)
     with pytest.raises(TypeError, match="no column"):
         columns.arrow_type(int | str)
+
+
+class Square(BaseModel):
+    side: float
+
+
+class Circle(BaseModel):
+    kind: str
+    radius: float
+
+
+class Mistaken(BaseModel):
+    side: str
+
+
+def test_a_member_that_is_one_of_several_has_the_members_of_all() -> None:
+    kind = columns.arrow_type(list[Square | Circle] | None)
+    rows = [[{"side": 1.0}, {"kind": "c", "radius": 2.0}], None]
+    assert pa.array(rows, kind).to_pylist() == [
+        [{"side": 1.0, "kind": None, "radius": None}, {"side": None, "kind": "c", "radius": 2.0}],
+        None,
+    ]
+    with pytest.raises(TypeError, match="both kinds of side"):
+        columns.arrow_type(Square | Mistaken)
 
 
 NAMES = ["a.ply", "b/x.OBJ", "b/c d/y%20z.stl", "b/c d/s.tar", "b/c d/t.tar.gz", "b/notes.txt", "ünï/é#.off"]
@@ -136,7 +162,7 @@ def test_an_input_that_no_actor_survives_gets_a_row(tmp_path: Path, monkeypatch:
         return 0
 
     monkeypatch.setattr(job, "_work", lost)
-    task = Task(str(DATA), str(tmp_path), "full", 4e-4, {})
+    task = Task(str(DATA), str(tmp_path), "full", 4e-4, "auto", None, {})
     inputs = [Input("a.obj", 1), Input("b.obj", 1), Input("c.tar", 1)]
     run(task, inputs, job.Cluster(1, 1, 1, 1), lambda _: None)
     results = Results(Store(str(tmp_path)))
@@ -150,5 +176,5 @@ def test_settings_of_a_task_are_those_of_the_service() -> None:
     from app.bulk.detecting import Task
     from app.settings import Settings
 
-    task = Task("a", "b", "full", 4e-4, Settings(deadline_s=3.0).model_dump(exclude={"api_keys"}))
+    task = Task("a", "b", "full", 4e-4, "auto", None, Settings(deadline_s=3.0).model_dump(exclude={"api_keys"}))
     assert Settings(**dataclasses.asdict(task)["settings"]).deadline_s == 3.0
