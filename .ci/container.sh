@@ -22,12 +22,16 @@ proxy=
 
 finish() {
   local code=$? name
-  if [ -n "$proxy" ]; then kill "$proxy" 2>/dev/null || true; fi
+  if [ -n "$proxy" ]; then kill "$proxy" 2>/dev/null && wait "$proxy" || true; fi
   for name in $container "${twins[@]}"; do
     if [ "$code" != 0 ]; then podman logs "$name" 2>&1 | tail -n 40 || true; fi
     podman rm -f "$name" >/dev/null 2>&1 || true
   done
-  umount "$state/graph/overlay" 2>/dev/null || true
+  # what a container held is let go of a moment after it has been removed
+  for _ in $(seq 50); do
+    if ! mountpoint -q "$state/graph/overlay"; then break; fi
+    umount "$state/graph/overlay" 2>/dev/null || sleep 0.2
+  done
   rm -rf "$state"
   exit "$code"
 }
