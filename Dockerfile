@@ -49,7 +49,20 @@ RUN case "$(uname -m)" in x86_64) cpu=x86-64-v2;; *) cpu=generic;; esac; \
     /opt/prsnet/bin/python -m compileall -q -x '/(torch|sympy)/' . >/dev/null; \
     cd /srv; /opt/prsnet/bin/prsnet warmup
 
+# What is in the environment, with versions and licences, as CycloneDX; the tool itself stays in this stage.
+RUN python3 -m venv --without-pip /opt/sbom; \
+    python3 -m pip --python /opt/sbom/bin/python install -q --no-compile --progress-bar off -c /src/constraints.txt cyclonedx-bom; \
+    /opt/sbom/bin/cyclonedx-py environment --pyproject /src/pyproject.toml --mc-type application \
+      --output-reproducible --of JSON -o /srv/sbom.cdx.json /opt/prsnet/bin/python
+
 FROM ${BASE_IMAGE}
+ARG VERSION=
+ARG REVISION=
+LABEL org.opencontainers.image.title=prsnet \
+      org.opencontainers.image.description="Every mirror plane and rotation axis of a mesh, from one HTTP call" \
+      org.opencontainers.image.licenses=MIT \
+      org.opencontainers.image.version=${VERSION} \
+      org.opencontainers.image.revision=${REVISION}
 RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin prsnet
 COPY --from=build /opt/prsnet /opt/prsnet
 COPY --from=build /srv /srv

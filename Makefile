@@ -6,6 +6,7 @@ PORT ?= 8000
 VENV ?= .venv
 IMAGE ?= prsnet
 TORCH_INDEX ?=
+PLATFORMS ?=
 PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13 python3.14; do \
 	"$$p" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p" && break; done)
 
@@ -49,8 +50,10 @@ train: $(VENV)/.dev ## train on PREPARED= (made by `python -m training prepare` 
 docs: $(VENV)/.dev ## build the documentation into site/, broken links being errors
 	@$(BIN)/zensical build --clean --strict
 
-image: ## build the container image (ENGINE=docker or podman)
-	$(ENGINE) build --build-arg TORCH_INDEX="$(TORCH_INDEX)" -t $(IMAGE) .
+image: ## build the container image (ENGINE=docker or podman; PLATFORMS=linux/amd64,linux/arm64 for several machines)
+	$(ENGINE) build $(if $(PLATFORMS),--platform $(PLATFORMS)) --build-arg TORCH_INDEX="$(TORCH_INDEX)" \
+		--build-arg VERSION="$(shell sed -nE 's/^__version__ = "(.*)"/\1/p' model/__init__.py)" \
+		--build-arg REVISION="$(shell git rev-parse HEAD 2>/dev/null)" -t $(IMAGE) .
 
 viewer: ## build app/static/viewer from app/viewer (needs Node 20 or newer and npm)
 	@cd app/viewer && npm ci --ignore-scripts --loglevel=error && npm run --silent format && npm run --silent build
@@ -77,7 +80,7 @@ $(VENV)/.serve: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo 'Installing the service, training and development tools into $(VENV) (the first time takes some minutes) ...'
-	@$(INSTALL) -e '.[train,dev,docs,otel]'
+	@$(INSTALL) -e '.[train,dev,docs,otel,bulk]'
 	@touch $(VENV)/.serve $@
 
 $(BIN)/python:

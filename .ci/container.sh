@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Builds the Dockerfile, runs the image as a careful operator would (read-only, no capabilities, 1 GB, not root), uses it.
+# Builds the Dockerfile, runs the image as a careful operator would (read-only, no capabilities, 1 GB, not root), uses it,
+# and kills one of two containers behind the proxy of deploy/ under load.
 # Debian and root; needs neither a container daemon nor an image registry. BASE_IMAGE= names a base image to pull instead
 # of the one made here; PORT= another port on this host.
 set -euo pipefail
@@ -16,14 +17,21 @@ port=${PORT:-18080}
 image=localhost/prsnet:check
 state=$(mktemp -d /var/tmp/prsnet-container.XXXXXX)
 container=
+twins=()
+proxy=
 
 finish() {
-  local code=$?
-  if [ -n "$container" ]; then
-    if [ "$code" != 0 ]; then podman logs "$container" 2>&1 | tail -n 40 || true; fi
-    podman rm -f "$container" >/dev/null 2>&1 || true
-  fi
-  umount "$state/graph/overlay" 2>/dev/null || true
+  local code=$? name
+  if [ -n "$proxy" ]; then kill "$proxy" 2>/dev/null && wait "$proxy" || true; fi
+  for name in $container "${twins[@]}"; do
+    if [ "$code" != 0 ]; then podman logs "$name" 2>&1 | tail -n 40 || true; fi
+    podman rm -f "$name" >/dev/null 2>&1 || true
+  done
+  # what a container held is let go of a moment after it has been removed
+  for _ in $(seq 50); do
+    if ! mountpoint -q "$state/graph/overlay"; then break; fi
+    umount "$state/graph/overlay" 2>/dev/null || sleep 0.2
+  done
   rm -rf "$state"
   exit "$code"
 }
@@ -35,7 +43,14 @@ install_engine() {
   for name in podman runc slirp4netns mmdebstrap curl; do
     command -v "$name" >/dev/null || missing+=("$name")
   done
+  if [ ! -x /usr/sbin/nginx ]; then missing+=(nginx-light); fi
   if [ "${#missing[@]}" = 0 ]; then return; fi
+  # nginx is run here with a configuration of our own; the package must not start one
+  if [ ! -e /usr/sbin/policy-rc.d ]; then
+    printf '#!/bin/sh\nexit 101\n' >/usr/sbin/policy-rc.d
+    chmod +x /usr/sbin/policy-rc.d
+    trap 'rm -f /usr/sbin/policy-rc.d' RETURN
+  fi
   apt-get update -qq
   DEBIAN_FRONTEND=noninteractive apt-get install -yqq --no-install-recommends "${missing[@]}" >"$state/apt.log" 2>&1 ||
     { tail -n 20 "$state/apt.log"; fail "could not install ${missing[*]}"; }
@@ -87,16 +102,24 @@ build() {
   step "built, $(podman images --format '{{.Size}}' "$image"), of which base $(podman images --format '{{.Size}}' "$base")"
 }
 
-start() {
-  container=$(podman run -d --network slirp4netns -p "127.0.0.1:$port:8000" --read-only --tmpfs /tmp:rw,size=128m \
-    --cap-drop ALL --security-opt no-new-privileges --memory 1g --pids-limit 256 "$image")
+run_image() { # PORT
+  podman run -d --network slirp4netns -p "127.0.0.1:$1:8000" --read-only --tmpfs /tmp:rw,size=128m \
+    --cap-drop ALL --security-opt no-new-privileges --memory 1g --pids-limit 256 "$image"
+}
+
+await_healthy() { # PORT CONTAINER
   local began=$SECONDS
-  until curl -fsS -m 2 "http://127.0.0.1:$port/health" >"$state/health" 2>/dev/null; do
+  until curl -fsS -m 2 "http://127.0.0.1:$1/health" >"$state/health" 2>/dev/null; do
     if [ "$((SECONDS - began))" -gt 90 ]; then fail "not healthy after 90 s"; fi
-    if [ "$(podman inspect -f '{{.State.Running}}' "$container")" != true ]; then fail "it does not run"; fi
+    if [ "$(podman inspect -f '{{.State.Running}}' "$2")" != true ]; then fail "it does not run"; fi
     sleep 0.2
   done
   step "healthy after $((SECONDS - began)) s: $(cat "$state/health")"
+}
+
+start() {
+  container=$(run_image "$port")
+  await_healthy "$port" "$container"
 }
 
 hardened() {
@@ -136,12 +159,46 @@ stops() {
   step "SIGTERM: orderly shutdown, exit code $code"
 }
 
+# What the image says it holds: version, revision, and a bill of materials with the pinned packages in it.
+described() {
+  podman exec -i "$container" python - <<'PYTHON' || fail "the bill of materials is not what is installed"
+import importlib.metadata as m, json
+listed = {c["name"].lower(): c["version"] for c in json.load(open("/srv/sbom.cdx.json"))["components"]}
+installed = {d.metadata["Name"].lower(): d.version for d in m.distributions() if d.metadata["Name"] != "prsnet"}
+assert installed.items() <= listed.items(), set(installed.items()) - set(listed.items())
+print("container check: bill of materials:", len(listed), "packages")
+PYTHON
+  podman inspect -f '{{index .Config.Labels "org.opencontainers.image.title"}}' "$image" | grep -qx prsnet || fail "no labels"
+}
+
+# deploy/nginx.conf as it is, but for the addresses of the two instances and its own port.
+behind_proxy() {
+  local i public=$((port + 10)) run=()
+  for i in 1 2; do twins+=("$(run_image "$((port + i))")"); done
+  for i in 1 2; do await_healthy "$((port + i))" "${twins[$((i - 1))]}"; done
+  sed -e "s/prsnet-1:8000/127.0.0.1:$((port + 1))/; s/prsnet-2:8000/127.0.0.1:$((port + 2))/" \
+    -e "s/listen 8080/listen 127.0.0.1:$public/; s#/tmp/nginx#$state/nginx#" deploy/nginx.conf >"$state/nginx.conf"
+  chmod 755 "$state"
+  /usr/sbin/nginx -c "$state/nginx.conf" -g 'daemon off; user root;' 2>"$state/nginx.log" &
+  proxy=$!
+  sleep 1
+  run=(python3 benchmarks/proxy_kill.py "http://127.0.0.1:$public" tests/data/chair.obj --seconds 9)
+  "${run[@]}" --kill "podman kill -s KILL ${twins[0]}" >"$state/killed" ||
+    { cat "$state/killed" "$state/nginx.log"; fail "a request was lost with an instance"; }
+  step "one of two instances killed under load: $(cat "$state/killed")"
+  head -c 70000000 /dev/zero >"$state/large.stl"
+  curl -sS -m 60 -F "file=@$state/large.stl" "http://127.0.0.1:$public/detect" >"$state/refused"
+  grep -q 'problems/upload-too-large' "$state/refused" || fail "a large upload got: $(head -c 300 "$state/refused")"
+}
+
 trap finish EXIT
 install_engine
 configure_engine
 build
 start
 hardened
+described
 detects
+behind_proxy
 stops
 step "passed"

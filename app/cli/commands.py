@@ -12,6 +12,7 @@ import typer
 
 from app.cli import editing
 from app.cli.batch import Outcome, Task
+from app.cli.bulk import bulk
 from app.cli.options import ApiKey, Exit, MaxError, Overwrite, Url, Weights, load, require_max_error
 from app.cli.twins import twins
 from app.schemas import Include, LevelName, Mode
@@ -23,6 +24,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all files failed, "
     "4 the service of --url is not there.",
 )
+app.command()(bulk)
 
 
 @app.command()

@@ -15,7 +15,7 @@ from docs.http_reference import reference
 
 from ..e2e.server import ROOT, Server, running
 
-PAGES = ["index.md", "concepts.md", "recipes.md", "operating.md", "http.md"]
+PAGES = ["index.md", "concepts.md", "recipes.md", "bulk.md", "operating.md", "http.md"]
 WRITTEN_IN = "http://127.0.0.1:8000"
 _BLOCK = re.compile(
     r"(?P<skip><!-- not run: .+ -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
