@@ -21,6 +21,7 @@ from model.errors import (
     MeshError,
     MeshTooLargeError,
     NoPlaneError,
+    TooComplexError,
     UnreadableMeshError,
     UnsupportedFormatError,
 )
@@ -83,6 +84,11 @@ EMPTY_MESH = ProblemType("empty-mesh", 422, "Empty mesh", "The file holds no fac
 DEGENERATE_MESH = ProblemType(
     "degenerate-mesh", 422, "Degenerate mesh", "The mesh has coordinates that are not finite numbers."
 )
+TOO_COMPLEX = ProblemType(
+    "mesh-too-complex", 422, "Mesh too complex",
+    "The mesh is too complex: so many of its faces cross or crowd each other that distances to it cannot be measured in "
+    "the time a request may take. Send its outer surface alone, or a simplified mesh.",
+)  # fmt: skip
 NO_PLANE = ProblemType(
     "no-plane", 422, "No mirror plane",
     "No mirror plane has an error of at most 0.0004; the best has 0.0021. Give a larger max_error, or a plane.",
@@ -109,6 +115,7 @@ _MESH_PROBLEMS: dict[type[MeshError], ProblemType] = {
     EmptyMeshError: EMPTY_MESH,
     DegenerateMeshError: DEGENERATE_MESH,
     MeshTooLargeError: MESH_TOO_LARGE,
+    TooComplexError: TOO_COMPLEX,
     NoPlaneError: NO_PLANE,
 }
 

@@ -13,9 +13,12 @@ from model.types import AnyArray, FloatArray, IntArray
 
 
 @jit_allocating
-def pack(vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntArray) -> tuple[FloatArray, IntArray]:
+def pack(
+    vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntArray, work: float
+) -> tuple[FloatArray, IntArray]:
     """Frames and owners of all leaves, see ``_bvh``; `sources` are the faces of the sorted references."""
-    frames = np.empty(leaves.shape[0] * ROWS * LANES)
+    frames = np.empty(leaves.shape[0] * ROWS * LANES + 1)
+    frames[-1] = work
     owners = np.empty(leaves.shape[0] * LANES, dtype=np.int32)
     for leaf in range(leaves.shape[0]):
         for lane in range(LANES):
@@ -132,18 +135,25 @@ def nearest(
 
     The search begins in the leaf `seed`: if it is near, it prunes the tree at once. The last four arrays are scratch
     of length `STACK`, `STACK`, `FANOUT` and `LANES`.
+
+    Every node and leaf that is looked into counts as one unit of the work that the tree may do, the last number in
+    `frames`. Once that is used up, only the leaf `seed` is looked into: the caller must ask `SurfaceIndex.require_work`
+    before it believes what a kernel found. (Threads that share a tree may lose some of each other's counts.)
     """
+    last = frames.shape[0] - 1
+    visits = 0
     best, found = bound, -1
     _leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
     for lane in range(LANES):
         if leaf_squared[lane] < best:
             best, found = leaf_squared[lane], seed * LANES + lane
     waiting[0], waiting_squared[0] = 0, 0.0
-    top = 1
+    top = 1 if frames[last] > 0.0 else 0
     while top > 0:
         top -= 1
         if waiting_squared[top] >= best:
             continue
+        visits += 1
         node = waiting[top]
         if node < 0:
             if ~node != seed:
@@ -163,6 +173,7 @@ def nearest(
                     place -= 1
                 waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
                 top += 1
+    frames[last] -= visits
     return best, found
 
 
