@@ -83,8 +83,8 @@ def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, t
     while True:
         if len(faces) > most:
             raise TooComplexError(
-                f"What is missing would be made of more than {most} triangles: too many long thin ones cross its border. "
-                "Give another plane, or send a mesh whose triangles are less thin."
+                f"What is missing would be made of more than {most} triangles: too many long thin ones cross its "
+                "border. Give another plane, or send a mesh whose triangles are less thin."
             )
         some, every, far = _beyond(surface, vertices, faces[new], spacing, tolerance, significant)
         missing, partly, deep = np.append(missing, every), np.append(partly, some & ~every), np.append(deep, far)
@@ -193,7 +193,7 @@ def _beyond(
 
 
 def _shrunk(corners: FloatArray, margin: float) -> tuple[FloatArray, BoolArray]:
-    """Triangles ``(f, 3 corners, 3)`` with their edges moved in by ``margin``; thin ones nearly to the centre ``(f,)``."""
+    """Triangles ``(f, 3 corners, 3)`` with their edges moved in by ``margin``, and which are too thin for it."""
     centre, radius = _incircles(corners)
     share = np.minimum(margin / np.maximum(radius, 1e-300), _THIN)
     return corners + share[:, None, None] * (centre[:, None] - corners), share == _THIN

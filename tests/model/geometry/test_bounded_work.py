@@ -105,7 +105,7 @@ def test_points_in_a_plane_of_slivers_do_not_look_into_all_of_them():
     samples, _ = sample_surface(vertices, faces, 500, seed=0)
     index = SurfaceIndex(vertices, faces)
     assert index.within(samples, 1e-4).all()
-    assert work_per_query(index, samples + [0.08, 0.0, -0.06]) < 1000
+    assert work_per_query(index, samples + np.array([0.08, 0.0, -0.06])) < 1000
 
 
 @pytest.mark.parametrize(
