@@ -136,6 +136,10 @@ class Settings(BaseSettings):
         description="Address space a job may use beyond what is loaded (default: 2 GiB, less in a small container).",
     )
     worker_jobs: int = Field(default=1000, ge=1, description="Jobs after which a worker is replaced by a fresh one.")
+    worker_per_key: bool = Field(
+        default=False,
+        description="Each worker serves one key (without keys: one address) and is replaced before another's turn.",
+    )
     worker_nice: int = Field(default=5, ge=0, le=19, description="By how much workers give way to the server itself.")
     sandbox: bool = Field(
         default=True, description="Workers may not open files or connections (Linux on x86-64 and ARM64)."

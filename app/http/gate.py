@@ -67,17 +67,18 @@ class Gate:
         """Whether no keys are configured, or the headers hold one of them."""
         if not self._key_digests:
             return True
-        given, token = b"", b""
-        for name, value in headers:
-            if name == _KEY:
-                given = value
-            elif name == b"authorization":
-                scheme, _, rest = value.partition(b" ")
-                token = rest.strip() if scheme.lower() == b"bearer" else b""
         # Digests are of one length, and every key is compared: the time taken tells nothing about any of them.
-        digest = hashlib.sha256(given or token).digest()
+        digest = hashlib.sha256(self._given(headers)).digest()
         matches = [hmac.compare_digest(digest, key) for key in self._key_digests]
         return any(matches)
+
+    def tenant(self, headers: Headers, peer: str) -> str:
+        """Who shares no worker with others: nobody, unless a setting asks for it; then a key, or an address."""
+        if not self._settings.worker_per_key:
+            return ""
+        if not self._key_digests:
+            return self.address(headers, peer) or "-"
+        return hashlib.sha256(self._given(headers)).hexdigest()
 
     def address(self, headers: Headers, peer: str) -> str:
         """Whose request it is: the peer's, or what the proxy in front says, where a setting trusts its header."""
@@ -103,6 +104,17 @@ class Gate:
         if not self.slots.has_room(self.address(headers, peer)):
             return self._answer(path, headers, problems.UPLOADS_FULL, "retry-after: 1")
         return None
+
+    def _given(self, headers: Headers) -> bytes:
+        """The key that a request brings."""
+        given, token = b"", b""
+        for name, value in headers:
+            if name == _KEY:
+                given = value
+            elif name == b"authorization":
+                scheme, _, rest = value.partition(b" ")
+                token = rest.strip() if scheme.lower() == b"bearer" else b""
+        return given or token
 
     def _answer(self, path: bytes, headers: Headers, problem: ProblemType, header: str) -> bytes:
         claimed = next((value.decode("latin-1") for name, value in headers if name == _ID), "")

@@ -65,6 +65,7 @@ async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) ->
     finally:
         runtime.gate.slots.leave(slot)
         spent["upload"] = _since(began)
+    tenant = runtime.gate.tenant(request.headers.raw, peer)
     began = time.perf_counter()
 
     def begin() -> None:
@@ -84,7 +85,7 @@ async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) ->
             place="inline" if upload.file is None else "descriptor",
             **wanted,
         )
-        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))
+        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin, tenant))
     timings = result.content.timings_ms
     for name in ("parse", "voxelize", "infer", "refine"):
         spent[name] = getattr(timings, name)

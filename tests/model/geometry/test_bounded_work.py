@@ -5,8 +5,8 @@ import pytest
 
 from model.errors import TooComplexError
 from model.geometry._bvh_references import distinct_faces, references
-from model.geometry.refinement import refine_planes, squared_distances
 from model.geometry.operations import Operations
+from model.geometry.refinement import refine_planes, squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import WORK, SurfaceIndex
 from model.meshes._topology import HASH_SEED, duplicate_vertex_map
