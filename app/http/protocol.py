@@ -33,6 +33,10 @@ class _Connections:
     def enter(self, address: str) -> None:
         self.of[address] += 1
 
+    def longest_idle(self, address: str | None) -> Any:
+        """The connection, of any address or of one, that has been idle for the longest; None if none is."""
+        return next((one for one in self.idle if address is None or one.address == address), None)
+
     def leave(self, address: str) -> None:
         self.of[address] -= 1
         if not self.of[address]:
@@ -75,30 +79,28 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
         _is_ending = False
         _is_last = False  # no other request will be read
         _left: int | None = None  # of its body, if that is known
-        _address = ""
+        address = ""
 
         # Connections
 
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
-            self._address = self.client[0] if self.client else ""
-            known.enter(self._address)
-            crowd = 0 if settings.client_address_header else known.of[self._address]
-            if crowd > settings.connections_per_address > 0:
-                transport.abort()
-                return
-            if len(self.connections) > settings.max_connections:
-                longest_idle = next(iter(known.idle), None)
-                if longest_idle is None:
+            self.address = self.client[0] if self.client else ""
+            known.enter(self.address)
+            crowd = 0 if settings.client_address_header else known.of[self.address]
+            is_crowded = crowd > settings.connections_per_address > 0
+            if is_crowded or len(self.connections) > settings.max_connections:
+                victim = known.longest_idle(self.address if is_crowded else None)
+                if victim is None:
                     transport.abort()
                     return
-                longest_idle.transport.abort()
-                known.idle.pop(longest_idle, None)
+                known.idle.pop(victim)
+                victim.transport.abort()
             known.idle[self] = None
             self._start_timer()
 
         def connection_lost(self, exc: Exception | None) -> None:
-            known.leave(self._address)
+            known.leave(self.address)
             known.idle.pop(self, None)
             self._stop_timer()
             if self._last_timer is not None:
@@ -209,7 +211,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
             path = httptools.parse_url(self.url).path
             parser: Any = self.parser
             method = parser.get_method()
-            refusal = gate.refusal(method, path, self.headers, self._address)
+            refusal = gate.refusal(method, path, self.headers, self.address)
             if refusal is None:
                 super().on_headers_complete()
                 self.cycle.transport = _Lingering(self)  # type: ignore[assignment]
