@@ -47,6 +47,8 @@ _EXAMPLE_PLANE = {
     "matrix": [[-1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
     "symmetry_error": 1.2e-17,
     "rms_distance": 4.5e-9,
+    "max_distance": 2.1e-8,
+    "coverage": 1.0,
     "exact": True,
     "continuous": False,
 }
@@ -121,6 +123,7 @@ _UPLOAD_PROBLEMS = (
     problems.UNREADABLE_MESH,
     problems.EMPTY_MESH,
     problems.DEGENERATE_MESH,
+    problems.TOO_COMPLEX,
     problems.INTERNAL,
     problems.OVERLOADED,
     problems.WORKER_LOST,
