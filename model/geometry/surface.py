@@ -12,9 +12,9 @@ from model.geometry._bvh_within import search_within
 from model.meshes._topology import HASH_SEED, duplicate_vertex_map
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
-WORK = 24_000_000
-"""Nodes and leaves of the tree that all queries together may look into: about two seconds on an idle core. Of 60 real
-meshes the one that costs most takes 7.3 millions in full mode, the median 0.6."""
+WORK = 16_000_000
+"""Nodes and leaves of the tree that all queries together may look into: one to three seconds on an idle core. Of 60
+real meshes the one that costs most takes 7.3 millions in full mode, the median 0.6."""
 
 
 class SurfaceIndex:

@@ -125,22 +125,6 @@ def test_trickling_uploads_keep_nobody_out(small: Server, chair: bytes) -> None:
             crawler.close()
 
 
-def test_one_address_cannot_have_all_slots(small: Server, chair: bytes) -> None:
-    crawlers = [connect(small) for _ in range(5)]
-    try:
-        for crawler in crawlers:
-            crawler.sendall(request(chair[:150], 100_000, "X-Client: 1.2.3.4"))
-        status, body = answers(crawlers[-1], 1)[0]
-        assert status == 503
-        assert "address" in json.loads(body)["detail"]
-        with connect(small) as connection:
-            connection.sendall(request(chair, None, "X-Client: 1.2.3.5"))
-            assert answers(connection, 1)[0][0] == 200
-    finally:
-        for crawler in crawlers:
-            crawler.close()
-
-
 def test_idle_connections_make_room_for_new_ones(small: Server) -> None:
     crowd = list[socket.socket]()
     try:
