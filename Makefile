@@ -38,7 +38,7 @@ bench: $(VENV)/.dev ## measure latency and throughput of POST /detect over loopb
 
 soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
 	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/test_fuzz_readers.py --timeout 3600
-	@for part in hostile load health chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
+	@for part in hostile load health attacks chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
 
 audit: $(VENV)/.dev ## known vulnerabilities of the pinned dependencies
 	@$(BIN)/python .ci/audit.py

@@ -21,6 +21,7 @@ from model.errors import (
     MeshError,
     MeshTooLargeError,
     NoPlaneError,
+    TooComplexError,
     UnreadableMeshError,
     UnsupportedFormatError,
 )
@@ -64,7 +65,10 @@ NOT_ACCEPTABLE = ProblemType(
     "The header Accept names none of application/json, model/gltf-binary, text/csv, text/plain.",
 )  # fmt: skip
 UPLOAD_TOO_SLOW = ProblemType(
-    "upload-too-slow", 408, "Upload too slow", "An upload may take 30 seconds, and pause for 10."
+    "upload-too-slow",
+    408,
+    "Upload too slow",
+    "An upload may take 30 seconds, pause for 10, and must bring 4096 bytes a second on average.",
 )
 UPLOAD_TOO_LARGE = ProblemType(
     "upload-too-large", 413, "Upload too large", "The upload is larger than the limit of 67108864 bytes."
@@ -83,6 +87,11 @@ EMPTY_MESH = ProblemType("empty-mesh", 422, "Empty mesh", "The file holds no fac
 DEGENERATE_MESH = ProblemType(
     "degenerate-mesh", 422, "Degenerate mesh", "The mesh has coordinates that are not finite numbers."
 )
+TOO_COMPLEX = ProblemType(
+    "mesh-too-complex", 422, "Mesh too complex",
+    "The mesh is too complex: so many of its faces cross or crowd each other that distances to it cannot be measured "
+    "in the time a request may take. Send its outer surface alone, or a simplified mesh.",
+)  # fmt: skip
 NO_PLANE = ProblemType(
     "no-plane", 422, "No mirror plane",
     "No mirror plane has an error of at most 0.0004; the best has 0.0021. Give a larger max_error, or a plane.",
@@ -94,6 +103,10 @@ INTERNAL = ProblemType(
 OVERLOADED = ProblemType(
     "overloaded", 503, "Overloaded", "All workers are busy and the queue is full. Try again in a second."
 )
+UPLOADS_FULL = ProblemType(
+    "overloaded", 503, "Overloaded",
+    "Too many uploads at a time, in all or from this address. Try again in a second.",
+)  # fmt: skip
 WORKER_LOST = ProblemType(
     "worker-lost", 503, "Worker lost",
     "The process that worked on the mesh was killed, and so was the next one. Try again in a second.",
@@ -109,6 +122,7 @@ _MESH_PROBLEMS: dict[type[MeshError], ProblemType] = {
     EmptyMeshError: EMPTY_MESH,
     DegenerateMeshError: DEGENERATE_MESH,
     MeshTooLargeError: MESH_TOO_LARGE,
+    TooComplexError: TOO_COMPLEX,
     NoPlaneError: NO_PLANE,
 }
 

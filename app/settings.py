@@ -8,32 +8,54 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 _CGROUP_QUOTA = Path("/sys/fs/cgroup/cpu.max")
 _CGROUP_MEMORY = Path("/sys/fs/cgroup/memory.max")
+# The same in the first version of cgroups.
+_V1_QUOTA, _V1_PERIOD = (Path(f"/sys/fs/cgroup/cpu/cpu.cfs_{part}_us") for part in ("quota", "period"))
+_V1_MEMORY = Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 _WORKER_MEMORY = 2 << 30
 
 
 def available_cores() -> int:
     """Cores this process may use: its CPU affinity, cut to the container's CPU quota when there is one."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    try:
-        quota, period = _CGROUP_QUOTA.read_text().split()
-        cores = min(cores, max(1, int(quota) // int(period)))
-    except (OSError, ValueError):  # no cgroup v2, or "max": no quota
-        pass
+    quota = _words(_CGROUP_QUOTA) or [*_words(_V1_QUOTA), *_words(_V1_PERIOD)]
+    # "max", and -1 in the first version: no quota
+    if len(quota) == 2 and quota[0].isdigit() and quota[1].isdigit():
+        cores = min(cores, max(1, int(quota[0]) // max(int(quota[1]), 1)))
     return cores
 
 
 def memory_per_worker() -> int:
     """2 GiB, or in a container with a memory limit an equal share of three quarters of it, if that is less."""
-    try:
-        limit = int(_CGROUP_MEMORY.read_text())
-    except (OSError, ValueError):  # no cgroup v2, or "max": no limit
+    limit = _words(_CGROUP_MEMORY) or _words(_V1_MEMORY)
+    if not limit or not limit[0].isdigit():  # no cgroup, or "max": no limit
         return _WORKER_MEMORY
-    return max(min(_WORKER_MEMORY, limit * 3 // 4 // available_cores()), 256 << 20)
+    return max(min(_WORKER_MEMORY, int(limit[0]) * 3 // 4 // available_cores()), 256 << 20)
+
+
+def _words(path: Path) -> list[str]:
+    """What a file of the kernel says; nothing where there is none."""
+    try:
+        return path.read_text().split()
+    except OSError:
+        return []
+
+
+def _split(keys: SecretStr) -> list[str]:
+    return list(filter(None, (key.strip() for key in keys.get_secret_value().split(","))))
+
+
+def unknown_variables() -> list[str]:
+    """Variables of the environment with the prefix that are no settings: a name with a typo is a limit not set."""
+    return sorted(
+        name
+        for name in os.environ
+        if name.upper().startswith("PRSNET_") and name.upper()[7:].lower() not in Settings.model_fields
+    )
 
 
 class Settings(BaseSettings):
@@ -80,7 +102,13 @@ class Settings(BaseSettings):
     max_unpacked_bytes: int = Field(
         default=256 * 1024 * 1024, ge=1024, description="Most bytes that a 3MF file may unpack to."
     )
-    uploads: int = Field(default=64, ge=1, le=10_000, description="Uploads received at a time; one more gets 503.")
+    uploads: int = Field(
+        default=64, ge=1, le=10_000, description="Uploads received at a time; one more gets 503, or a slow one 408."
+    )
+    uploads_per_address: int = Field(default=32, ge=1, description="Uploads received at a time from one address.")
+    upload_bytes_per_s: int = Field(
+        default=4096, ge=1, description="Bytes a second an upload must bring on average, after `stall_s`."
+    )
     spool_bytes: int = Field(
         default=1024 * 1024, ge=0, description="Uploads above this size are kept on disk, not in memory."
     )
@@ -91,13 +119,27 @@ class Settings(BaseSettings):
     sending_bytes: int = Field(
         default=512 * 1024 * 1024, ge=1024, description="Bytes of meshes on their way to clients; beyond, one gets 503."
     )
-    max_connections: int = Field(default=1000, ge=1, description="Connections kept open; one more is closed at once.")
+    max_connections: int = Field(
+        default=1000, ge=1, description="Connections kept open; for one more the longest idle one is closed."
+    )
+    connections_per_address: int = Field(
+        default=500, ge=0, description="Connections kept open of one address (0: no limit)."
+    )
+    client_address_header: str = Field(
+        default="",
+        pattern=r"[A-Za-z0-9-]*",
+        description="Header in which a trusted proxy names the client, such as X-Forwarded-For: its last entry counts.",
+    )
     worker_memory_bytes: int = Field(
         default_factory=memory_per_worker,
         ge=64 * 1024 * 1024,
         description="Address space a job may use beyond what is loaded (default: 2 GiB, less in a small container).",
     )
     worker_jobs: int = Field(default=1000, ge=1, description="Jobs after which a worker is replaced by a fresh one.")
+    worker_per_key: bool = Field(
+        default=False,
+        description="Each worker serves one key (without keys: one address) and is replaced before another's turn.",
+    )
     worker_nice: int = Field(default=5, ge=0, le=19, description="By how much workers give way to the server itself.")
     sandbox: bool = Field(
         default=True, description="Workers may not open files or connections (Linux on x86-64 and ARM64)."
@@ -121,6 +163,25 @@ class Settings(BaseSettings):
     otel: bool = Field(default=False, description="Whether to send traces by OTLP (needs the extra `otel`).")
     log_format: Literal["json", "text"] = Field(default="json", description="One JSON object a line, or plain text.")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="Least level logged.")
+
+    @field_validator("api_keys")
+    @classmethod
+    def _are_keys(cls, value: SecretStr) -> SecretStr:
+        if value.get_secret_value() and not _split(value):
+            raise ValueError("it holds no key; leave it out to serve everybody")
+        return value
+
+    @field_validator("spool_dir")
+    @classmethod
+    def _is_a_folder(cls, value: str | None) -> str | None:
+        if value is not None and not (os.path.isdir(value) and os.access(value, os.W_OK | os.X_OK)):
+            raise ValueError("there is no such folder, or it cannot be written to")
+        return value
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys, one by one."""
+        return _split(self.api_keys)
 
     def summary(self) -> str:
         """All settings on one line, ``name=value``, for the log at start-up (a secret as asterisks)."""

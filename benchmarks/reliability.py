@@ -1,6 +1,6 @@
 """What the service survives: hostile files, load beyond its capacity, faults, and a long run. Prints Markdown.
 
-    python benchmarks/reliability.py hostile|load|health|chaos|soak [--seconds N] [--requests N] [--scale X]
+    python benchmarks/reliability.py hostile|load|health|attacks|chaos|soak [--seconds N] [--requests N] [--scale X]
 
 Starts a server of its own with the shipped weights and `--workers` workers (default: 2), on the machine's cores, which
 the clients share.
@@ -9,6 +9,7 @@ the clients share.
 import argparse
 import http.client
 import random
+import socket
 import sys
 import tempfile
 import threading
@@ -87,8 +88,9 @@ def hostile(options: argparse.Namespace) -> None:
 
 
 def overload(options: argparse.Namespace) -> None:
-    """Open load at multiples of the measured capacity."""
+    """Open load at multiples of the measured capacity, from a process of its own that costs little."""
     body = load.form(*CHAIR)
+    request = load.head(len(body)).removesuffix(b"\r\n") + b"Connection: close\r\n\r\n" + body
     with serving(options.workers) as server:
         closed = load.Tally()
         clients = [load.Background(lambda: load.count(server.port, body, closed, is_chair)) for _ in range(4)]
@@ -97,45 +99,17 @@ def overload(options: argparse.Namespace) -> None:
             client.stop()
         capacity = len(closed.seconds) / options.seconds
         print(f"Capacity, 4 clients in a closed loop, {options.workers} workers: {capacity:.1f} requests/s\n")
-        print("| offered | sent/s | answered 200/s | 503 | other | wrong | 200: p50, ms | p99 | slowest |")
-        print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+        print("| offered | sent/s | 200/s | of the capacity | 503 | other | wrong | 200: p50, ms | p99 | slowest |")
+        print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
         for times in (1, 2, 10):
-            print(f"| {times}× | " + one_rate(server, body, times * capacity, options.seconds), flush=True)
-
-
-def one_rate(server: Server, body: bytes, rate: float, seconds: float) -> str:
-    """A row: requests sent at a rate whether or not answers come."""
-    tally, served = load.Tally(), list[float]()
-    end = time.monotonic() + seconds
-
-    def send() -> None:
-        own = load.Tally()
-        load.count(server.port, body, own, is_chair)
-        with tally.lock:
-            tally.sent += 1
-            tally.statuses += own.statuses
-            tally.broken += own.broken
-            tally.wrong += own.wrong
-            if own.statuses["200"]:
-                served.extend(own.seconds)
-
-    threads: list[threading.Thread] = []
-    due = began = time.monotonic()
-    while time.monotonic() < end:
-        thread = threading.Thread(target=send)
-        thread.start()
-        threads.append(thread)
-        due += 1 / rate
-        time.sleep(max(due - time.monotonic(), 0))
-    sent_for = time.monotonic() - began
-    for thread in threads:
-        thread.join()
-    refused = sum(number for status, number in tally.statuses.items() if status.startswith("503"))
-    other = tally.sent - refused - tally.statuses["200"]
-    return (
-        f"{tally.sent / sent_for:.1f} | {tally.statuses['200'] / sent_for:.1f} | {100 * refused / tally.sent:.0f} % | "
-        f"{other} | {len(tally.wrong)} | {percentiles(served)} |"
-    )
+            seen = load.flood(server.port, request, b'"faces":260', times * capacity, options.seconds)
+            served, refused = seen.statuses[200], seen.statuses[503]
+            print(
+                f"| {times}× | {seen.sent / options.seconds:.0f} | {served / options.seconds:.1f} | "
+                f"{100 * served / options.seconds / capacity:.0f} % | {100 * refused / seen.sent:.0f} % | "
+                f"{seen.sent - served - refused} | {seen.wrong} | {percentiles(seen.seconds)} |",
+                flush=True,
+            )
 
 
 def health(options: argparse.Namespace) -> None:
@@ -159,6 +133,67 @@ def health(options: argparse.Namespace) -> None:
                 print(f"| {title}: `{path}` | {len(seconds)} | {dict(statuses)} | {percentiles(seconds)} |", flush=True)
             for thread in threads:
                 thread.stop()
+
+
+def attacks(options: argparse.Namespace) -> None:
+    """Connections that are meant to crowd others out, and what a client sees who behaves."""
+    body = load.form(*CHAIR)
+    live = b"GET /health/live HTTP/1.1\r\nHost: t\r\n\r\n"
+    schema = b"GET /openapi.json HTTP/1.1\r\nHost: t\r\n\r\n"
+    trickle = load.head(1_000_000) + body[:200]
+    print("| attack | server before, MB | at most | `/health`: p50, ms | p99 | slowest | meshes: 200 | other |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for title, count, start, again in (
+        ("40 connections pipeline `/health/live`", 40, live * 7000, live * 1000),
+        ("10 connections pipeline `/openapi.json`", 10, schema * 4000, schema * 1000),
+        ("64 uploads of a byte a second", 64, trickle, b"v"),
+        ("1,200 idle connections", 1200, b"", b""),
+    ):
+        with serving(options.workers) as server:
+            tally, seconds, statuses = load.Tally(), list[float](), Counter[int]()
+            before = most = load.resident_kb(server.process.pid)
+            attackers = [attack(server.port, start) for _ in range(count)]
+            time.sleep(1.5)  # attackers are told from others by then
+            honest = load.Background(
+                lambda port=server.port, tally=tally: load.count(port, body, tally, is_chair), 0.05
+            )
+            end, due = time.monotonic() + options.seconds, time.monotonic()
+            while time.monotonic() < end:
+                if time.monotonic() > due:
+                    due += 1.0
+                    attackers = [one if send(one, again) else attack(server.port, start) for one in attackers]
+                    most = max(most, load.resident_kb(server.process.pid))
+                load.probe(server.port, "/health", seconds, statuses)
+                time.sleep(0.05)
+            honest.stop()
+            for one in attackers:
+                one.close()
+            served = tally.statuses["200"]
+            print(
+                f"| {title} | {before / 1024:.0f} | {most / 1024:.0f} | {percentiles(seconds)} | {served} | "
+                f"{tally.sent - served} |",
+                flush=True,
+            )
+
+
+def attack(port: int, start: bytes) -> socket.socket:
+    """A connection that never reads."""
+    connection = socket.create_connection(("127.0.0.1", port), timeout=30)
+    connection.setblocking(False)
+    send(connection, start)
+    return connection
+
+
+def send(connection: socket.socket, data: bytes) -> bool:
+    """Send what fits; False when the other side hung up."""
+    try:
+        if data:
+            connection.send(data)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return True
 
 
 def chaos(options: argparse.Namespace) -> None:
@@ -224,7 +259,7 @@ def soak(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Parse the command line and run one part."""
-    parts = {"hostile": hostile, "load": overload, "health": health, "chaos": chaos, "soak": soak}
+    parts = {"hostile": hostile, "load": overload, "health": health, "attacks": attacks, "chaos": chaos, "soak": soak}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)
     parser.add_argument("--workers", type=int, default=2)

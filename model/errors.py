@@ -7,6 +7,7 @@ PRSNetError
 │   ├── EmptyMeshError           it parses, but holds no faces
 │   ├── DegenerateMeshError      NaN or infinity, an index out of range, no extent, no area
 │   ├── MeshTooLargeError        more vertices or faces than the caller allows
+│   ├── TooComplexError          its faces crowd so much that measuring it would take too long
 │   └── NoPlaneError             it has no mirror plane to be completed at
 └── CheckpointError              the weights file is missing, damaged, or does not fit the network
 
@@ -40,6 +41,10 @@ class DegenerateMeshError(MeshError):
 
 class MeshTooLargeError(MeshError):
     """The mesh has more vertices or faces than the caller allows."""
+
+
+class TooComplexError(MeshError):
+    """Faces cross or crowd each other so much that measuring the mesh would take more work than is allowed."""
 
 
 class NoPlaneError(MeshError):

@@ -219,6 +219,25 @@ def slivers(scale: float) -> Files:
     yield "fan.stl", stl(np.concatenate([np.zeros_like(thin[:, :1]), thin[:, 1:]], axis=1))
 
 
+def crossing(scale: float) -> Files:
+    """Faces through the whole volume: files of some kilobytes on which no tree of boxes prunes."""
+    chance = np.random.default_rng(8)
+    for vertices, count in ((40, int(1000 * scale)), (120, int(10_000 * scale)), (2000, int(30_000 * scale))):
+        points = chance.uniform(-1, 1, (vertices, 3))
+        faces = np.array([chance.choice(vertices, 3, replace=False) for _ in range(count)])
+        rows = "".join(f"{x:.4g} {y:.4g} {z:.4g}\n" for x, y, z in points.tolist())
+        corners = "".join(f"3 {a} {b} {c}\n" for a, b, c in faces.tolist())
+        yield f"crossing{count}.ply", ply(rows, corners, vertices, count)
+    nearly = np.array([0.0, 0, 0, 1, 0.3, 0.2, 0.1, 1, 0.5]) + 1e-6 * chance.normal(size=(int(50_000 * scale), 9))
+    yield "nearly_same.stl", stl(nearly)
+    angles = np.linspace(0, 2 * np.pi, int(100_000 * scale), endpoint=False)
+    edge = np.stack([np.cos(angles), 0.7 * np.sin(angles), 0 * angles], axis=1)
+    fan = np.stack([np.tile(edge[0], (len(edge), 1)), edge, np.roll(edge, -1, axis=0)], axis=1)
+    yield "fan_in_a_plane.stl", stl(fan)
+    spokes = np.stack([np.tile([0.0, 0, -1], (len(edge), 1)), np.tile([0.0, 0, 1], (len(edge), 1)), edge], axis=1)
+    yield "pencil.stl", stl(spokes[:: max(1, int(5 * scale))])
+
+
 def coincident(scale: float) -> Files:
     yield "same.stl", stl(np.tile([0.0, 0, 0, 1, 0, 0, 0, 1, 0], (int(400_000 * scale), 1)))
     yield "point.stl", stl(np.ones((int(100_000 * scale), 9)))
@@ -285,7 +304,7 @@ def names(scale: float) -> Files:
 _GENERATORS = (truncations, bit_flips, not_finite, huge_counts, bad_indices, zip_bombs, scenes, quadratic, xml, outside)
 CLASSES: dict[str, Callable[[float], Files]] = {
     function.__name__.replace("_", " "): function
-    for function in (*_GENERATORS, slivers, coincident, degenerate, polyglots, tiny, names)
+    for function in (*_GENERATORS, slivers, crossing, coincident, degenerate, polyglots, tiny, names)
 }
 
 

@@ -1,5 +1,6 @@
 """Clients that load, probe and disturb a running server, and count what came of it."""
 
+import asyncio
 import http.client
 import json
 import os
@@ -167,3 +168,62 @@ def resident_kb(server: int) -> int:
             continue
         total += sum(int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Pss:"))
     return total
+
+
+@dataclass
+class Flood:
+    """What an open load saw: requests sent at a rate whether or not answers come, each over its own connection."""
+
+    sent: int = 0
+    statuses: Counter[int] = field(default_factory=Counter[int])
+    seconds: list[float] = field(default_factory=list[float])
+    """Of the answers with 200."""
+
+    wrong: int = 0
+
+
+class _Sender(asyncio.Protocol):
+    """Sends one request and reads its answer; as little work as can be, for many of them."""
+
+    def __init__(self, request: bytes, sign: bytes, flood: Flood) -> None:
+        self._request, self._sign, self._flood = request, sign, flood
+        self._began = time.perf_counter()
+        self._answer = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        transport.write(self._request)  # type: ignore[attr-defined]
+
+    def data_received(self, data: bytes) -> None:
+        self._answer += data
+
+    def connection_lost(self, error: Exception | None) -> None:
+        status = int(self._answer[9:12]) if self._answer else 0
+        self._flood.statuses[status] += 1
+        if status == 200:
+            self._flood.seconds.append(time.perf_counter() - self._began)
+            self._flood.wrong += self._sign not in self._answer
+
+
+def flood(port: int, request: bytes, sign: bytes, rate: float, seconds: float) -> Flood:
+    """Offer a request, whose header says ``Connection: close``, at a rate; answers of 200 hold ``sign``."""
+    result = Flood()
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        tasks: set[asyncio.Task[Any]] = set()
+        while (now := loop.time()) < began + seconds:
+            while result.sent < (now - began) * rate:
+                result.sent += 1
+                task = loop.create_task(
+                    loop.create_connection(lambda: _Sender(request, sign, result), "127.0.0.1", port)
+                )
+                tasks.add(task)
+                task.add_done_callback(tasks.discard)
+            await asyncio.sleep(0.002)
+        end = loop.time() + 60
+        while sum(result.statuses.values()) < result.sent and loop.time() < end:
+            await asyncio.sleep(0.05)
+
+    asyncio.run(run())
+    return result

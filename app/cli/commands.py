@@ -40,8 +40,10 @@ def serve(
 
     from app.http import server
     from app.http.tracing import TracingNotInstalledError
-    from app.settings import Settings
+    from app.settings import Settings, unknown_variables
 
+    if unknown := unknown_variables():
+        raise typer.BadParameter(f"There are no such settings: {', '.join(unknown)}.")
     given: dict[str, Any] = {
         "host": host, "port": port, "workers": workers, "weights": weights, "log_level": log_level
     }  # fmt: skip

@@ -48,7 +48,7 @@ class Attachment(Response):
         """Send it (ASGI).
 
         Raises:
-            ClientDisconnect: the client takes too long; the connection is of no more use.
+            ClientDisconnect: the client takes too long, and the server cannot break the connection.
         """
         try:
             await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
@@ -60,8 +60,14 @@ class Attachment(Response):
                         async with asyncio.timeout(self._stall_s):
                             await send({"type": "http.response.body", "body": piece, "more_body": True})
             await send({"type": "http.response.body", "body": b"", "more_body": False})
-        except TimeoutError as error:
-            raise ClientDisconnect from error
+        except TimeoutError:
+            # Nobody reads, which is no defect of anybody here: break the connection, and let the request end.
+            scope["problem"] = "client-left"
+            if "abort" in scope:
+                scope["abort"]()
+                await asyncio.sleep(0)
+            else:
+                raise ClientDisconnect from None
         finally:
             self._parts = []
             self._on_end()

@@ -12,7 +12,7 @@ from app import schemas
 from app.http.middleware import stages
 from app.http.runtime import Runtime
 from app.http.uploads import read_upload
-from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, WORKER_LOST, ProblemError
+from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, UPLOADS_FULL, WORKER_LOST, ProblemError
 from app.workers.errors import OutOfMemoryError, TookTooLongError, WorkerLostError
 from app.workers.verify import Answer
 from app.workers.wire import Job
@@ -40,28 +40,39 @@ async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
         raise ProblemError(MESH_TOO_LARGE, TOO_MUCH_MEMORY) from error
     except WorkerLostError as error:
         raise ProblemError(WORKER_LOST, WORKER_LOST.example, {"Retry-After": "1"}) from error
+    finally:
+        _arrived(request)
+
+
+def _arrived(request: Request) -> None:
+    """The request need not be counted as one that will come any more."""
+    if "arrival" in request.scope:
+        request.scope["arrival"].end()
 
 
 async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
     settings = runtime.settings
     _ = runtime.card  # not-ready is told before anything is read, and so is a full queue
     runtime.pool.require_room()
-    if runtime.uploading >= settings.uploads:
-        raise ProblemError(OVERLOADED, "Too many uploads at a time. Try again in a second.", {"Retry-After": "1"})
+    peer = request.client.host if request.client is not None else ""
+    slot = runtime.gate.slots.take(runtime.gate.address(request.headers.raw, peer))
+    if slot is None:
+        raise ProblemError(OVERLOADED, UPLOADS_FULL.example, {"Retry-After": "1"})
     spent = stages(request)
     began = time.perf_counter()
-    runtime.uploading += 1
     try:
-        upload = await read_upload(request, settings)
+        upload = await read_upload(request, settings, slot)
     finally:
-        runtime.uploading -= 1
+        runtime.gate.slots.leave(slot)
         spent["upload"] = _since(began)
+    tenant = runtime.gate.tenant(request.headers.raw, peer)
     began = time.perf_counter()
 
     def begin() -> None:
         spent["queue"] = _since(began)
 
     with upload, runtime.pool.admit():
+        _arrived(request)
         job = Job(
             filename=upload.filename,
             max_vertices=settings.max_vertices,
@@ -75,7 +86,7 @@ async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) ->
             place="inline" if upload.file is None else "descriptor",
             **wanted,
         )
-        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))
+        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin, tenant))
     timings = result.content.timings_ms
     for name in ("parse", "voxelize", "infer", "refine"):
         spent[name] = getattr(timings, name)

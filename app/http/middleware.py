@@ -17,10 +17,10 @@ from app.http.tracing import Trace
 
 HEADER = "X-Request-ID"
 # Short and plain enough to be put into logs and headers as it is.
-_SANE_ID = re.compile(r"[A-Za-z0-9._:-]{1,128}")
+SANE_ID = re.compile(r"[A-Za-z0-9._:-]{1,128}")
 _LONGEST_PATH = 200
 # A route may say otherwise, as the documentation does.
-_SECURITY = {
+SECURITY = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -53,7 +53,7 @@ class RequestContext:
             await self.app(scope, receive, send)
             return
         claimed = Headers(scope=scope).get(HEADER, "")
-        request_id = claimed if _SANE_ID.fullmatch(claimed) else uuid4().hex
+        request_id = claimed if SANE_ID.fullmatch(claimed) else uuid4().hex
         scope["request_id"] = request_id
         started = time.perf_counter()
         status = 0
@@ -64,7 +64,7 @@ class RequestContext:
                 status = message["status"]
                 headers = MutableHeaders(scope=message)
                 headers[HEADER] = request_id
-                for name, value in _SECURITY.items():
+                for name, value in SECURITY.items():
                     headers.setdefault(name, value)
                 if spent := scope.get("stages"):
                     headers["Server-Timing"] = _server_timing(cast("Mapping[str, float]", spent))

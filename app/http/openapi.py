@@ -53,7 +53,7 @@ _EXAMPLE_PLANE = {
     "exact": True,
     "continuous": False,
 }
-_EXAMPLE_RESPONSE = {
+_EXAMPLE_RESPONSE: dict[str, Any] = {
     "planes": [_EXAMPLE_PLANE],
     "axes": [],
     "point_group": "Cs",
@@ -140,6 +140,7 @@ _UPLOAD_PROBLEMS = (
     problems.UNREADABLE_MESH,
     problems.EMPTY_MESH,
     problems.DEGENERATE_MESH,
+    problems.TOO_COMPLEX,
     problems.INTERNAL,
     problems.OVERLOADED,
     problems.WORKER_LOST,

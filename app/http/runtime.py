@@ -1,11 +1,11 @@
 """The life of one server process: start, serve, drain, stop."""
 
 import asyncio
-import hashlib
 import logging
 from collections.abc import Callable
 from enum import Enum
 
+from app.http.gate import Gate
 from app.http.metrics import Metrics
 from app.problems import NOT_READY, ProblemError
 from app.settings import Settings
@@ -34,11 +34,9 @@ class Runtime:
         self.settings = settings
         self.pool = WorkerPool(settings, launch or launcher(settings.weights))
         self.state = State.STARTING
-        self.uploading = 0
         self.sending_bytes = 0
-        keys = filter(None, (key.strip() for key in settings.api_keys.get_secret_value().split(",")))
-        self.key_digests = [hashlib.sha256(key.encode()).digest() for key in keys]
         self.metrics = Metrics()
+        self.gate = Gate(settings, self.pool, self.metrics)
         self.pool.on_restart = self.metrics.count_restart
         self._watch()
         self.on_failure: Callable[[], None] = lambda: None
@@ -63,7 +61,7 @@ class Runtime:
 
     def _watch(self) -> None:
         watch, pool = self.metrics.watch, self.pool
-        watch("uploading", "Uploads being received.", lambda: self.uploading)
+        watch("uploading", "Uploads being received.", lambda: len(self.gate.slots))
         watch("sending_bytes", "Bytes of meshes on their way to clients.", lambda: self.sending_bytes)
         watch("jobs_admitted", "Requests that hold a place in the queue or a worker.", lambda: pool.admitted)
         watch("jobs_running", "Jobs being worked on.", lambda: pool.running)

@@ -58,7 +58,7 @@ def serve(settings: Settings) -> int:
         log_config=None,
         access_log=False,  # the middleware logs one line a request, with its id
         server_header=False,
-        http=bounded(settings),
+        http=bounded(settings, runtime.gate),
         ws="none",
         timeout_keep_alive=settings.keep_alive_s,
         timeout_graceful_shutdown=math.ceil(settings.deadline_s) + 1,

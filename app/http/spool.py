@@ -1,5 +1,6 @@
 """Keeps an upload: in memory up to a size, beyond it in a file without a name, which vanishes when it is closed."""
 
+import os
 import tempfile
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -19,16 +20,21 @@ class Upload:
     data: bytes
     file: BinaryIO | None = None
     parts: tuple[tuple[str, int], ...] = ()
+    descriptor: int | None = None
 
     @property
     def source(self) -> bytes | int:
-        """The bytes, or a descriptor of the file."""
-        return self.data if self.file is None else self.file.fileno()
+        """The bytes, or a descriptor of the file that can only be read."""
+        if self.file is None:
+            return self.data
+        return self.file.fileno() if self.descriptor is None else self.descriptor
 
     def __enter__(self) -> "Upload":
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self.descriptor is not None:
+            os.close(self.descriptor)
         if self.file is not None:
             self.file.close()
 
@@ -58,7 +64,10 @@ class Spool:
         if self._file is None:
             return Upload(filename, len(self._buffer), bytes(self._buffer), parts=parts)
         self._flush()
-        return Upload(filename, self._written, b"", self._file, parts)
+        # Opened once more, so that the worker that gets it cannot write to it, whatever its limits.
+        path = f"/proc/self/fd/{self._file.fileno()}"
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC) if os.path.exists(path) else None
+        return Upload(filename, self._written, b"", self._file, parts, descriptor)
 
     def close(self) -> None:
         """Forget everything."""

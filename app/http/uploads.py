@@ -12,6 +12,7 @@ from fastapi import Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
+from app.http.slots import UploadSlot
 from app.http.spool import Spool, Upload
 from app.problems import MALFORMED, OVERLOADED, UPLOAD_TOO_LARGE, UPLOAD_TOO_SLOW, ProblemError
 from app.settings import Settings
@@ -137,10 +138,11 @@ def _declared_length(request: Request) -> int:
     return int(value) if value.isascii() and value.isdigit() and len(value) < 20 else 0
 
 
-async def read_upload(request: Request, settings: Settings) -> Upload:
+async def read_upload(request: Request, settings: Settings, slot: UploadSlot | None = None) -> Upload:
     """The files of a multipart request whose body is at most ``settings.max_upload_bytes``; the caller closes it.
 
-    A larger ``Content-Length`` is refused before anything is read, a larger body once the limit is passed.
+    A larger ``Content-Length`` is refused before anything is read, a larger body once the limit is passed. How much has
+    come is noted in ``slot``, which a slow upload loses when it is wanted for another.
 
     Raises:
         ProblemError: ``upload-too-large`` (413), ``malformed-request`` (400), ``upload-too-slow`` (408), or
@@ -154,7 +156,7 @@ async def read_upload(request: Request, settings: Settings) -> Upload:
         raise _too_large(settings.max_upload_bytes)
     spool = Spool(settings.spool_bytes, settings.spool_dir)
     try:
-        form = await _receive(request, options[b"boundary"], spool, settings)
+        form = await _receive(request, options[b"boundary"], spool, settings, slot or UploadSlot(""))
         return spool.finish(form.mesh(), form.parts())
     except FormParserError as error:
         spool.close()
@@ -169,24 +171,31 @@ async def read_upload(request: Request, settings: Settings) -> Upload:
         raise
 
 
-async def _receive(request: Request, boundary: bytes, spool: Spool, settings: Settings) -> _Form:
+async def _receive(request: Request, boundary: bytes, spool: Spool, settings: Settings, slot: UploadSlot) -> _Form:
     """Feed the body to the spool; what the form told about it."""
     form = _Form(boundary, spool)
     received = 0
-    end = asyncio.get_running_loop().time() + settings.upload_s
+    now = asyncio.get_running_loop().time
+    end = slot.began + settings.upload_s
     chunks = request.stream()
     while True:
-        patience = min(asyncio.get_running_loop().time() + settings.stall_s, end)
+        due = slot.began + settings.stall_s + received / settings.upload_bytes_per_s
         try:
-            async with asyncio.timeout_at(patience):
+            async with asyncio.timeout_at(min(now() + settings.stall_s, end, due)) as patience:
+                slot.on_eviction = lambda limit=patience: limit.reschedule(now())
                 chunk = await anext(chunks, None)
         except TimeoutError as error:
-            detail = f"An upload may take {settings.upload_s:g} seconds, and pause for {settings.stall_s:g}."
+            detail = (
+                f"An upload may take {settings.upload_s:g} seconds, pause for {settings.stall_s:g}, and must bring "
+                f"{settings.upload_bytes_per_s} bytes a second on average."
+            )
             # The connection is of no more use: what the client may still send is not waited for.
             raise ProblemError(UPLOAD_TOO_SLOW, detail, {"Connection": "close"}) from error
+        slot.on_eviction = None
         if chunk is None:
             break
         received += len(chunk)
+        slot.received = received
         if received > settings.max_upload_bytes:
             raise _too_large(settings.max_upload_bytes)
         form.feed(chunk)

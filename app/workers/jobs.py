@@ -13,6 +13,9 @@ from model.formats import no_resources
 from model.formats.conversion import files_at_hand
 from model.meshes.mesh import Mesh
 
+_FREE_BYTES, _GROWTH = 4 << 20, 200
+"""A small file that holds one part many times is not worked out for its client without end."""
+
 
 def perform(
     detector: SymmetryDetector, job: Job, data: bytes, on_parsed: Callable[[], None] = lambda: None
@@ -28,15 +31,20 @@ def perform(
     if job.task == "complete":
         options = CompleteOptions(job.plane, job.symmetrize, job.max_error)
         answer, mesh = complete_file(detector, data, job.filename, options, limits, on_parsed, resources)
-        body = _body(WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, job.max_answer_bytes)
+        body = _body(WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, _most(job))
         return answer.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
     response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed, resources)
     text = to_json(response, options.include)
     if job.geometry is None:
         return text, None
-    body = _body(WRITERS[job.geometry], mesh, response.mesh.bounds, job.max_answer_bytes)
+    body = _body(WRITERS[job.geometry], mesh, response.mesh.bounds, _most(job))
     return text, body
+
+
+def _most(job: Job) -> int:
+    """Bytes an answer may have: what the setting says, or some hundred times the file where that is less."""
+    return min(job.max_answer_bytes, _FREE_BYTES + _GROWTH * job.size)
 
 
 def _body(writer: MeshWriter, mesh: Mesh, bounds: list[list[float]], most: int) -> bytes:
@@ -50,4 +58,7 @@ def _body(writer: MeshWriter, mesh: Mesh, bounds: list[list[float]], most: int) 
 
 
 def _too_large(most: int) -> str:
-    return f"The answer would hold more than {most} bytes of geometry; send a mesh with fewer faces, or ask for GLB."
+    return (
+        f"The answer would hold more than {most} bytes of geometry, the limit for a file of this size; "
+        "send a mesh with fewer faces, or ask for GLB."
+    )

@@ -3,19 +3,23 @@
 import asyncio
 import json
 import logging
+import platform
 import signal
 from collections.abc import Callable, Coroutine
 from types import TracebackType
 
 from app.problems import OVERLOADED, ProblemError
 from app.settings import Settings
-from app.workers import verify, wire
+from app.workers import sandbox, verify, wire
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
 from app.workers.wire import Job, SandboxLimits
 from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteClient
 
 logger = logging.getLogger("prsnet")
 _SPARE = 1
+_WATCH_S = 1.0
+_RENEW_S = 60.0
+_CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGABRT, signal.SIGSYS, signal.SIGFPE)
 _TRIES = 2
 _REPORT_S = 0.5  # how long to wait for word on how a worker ended
 _LOST = (EOFError, OSError)
@@ -39,6 +43,7 @@ class WorkerPool:
         self._background_tasks: set[asyncio.Task[None]] = set()
         self._revival = asyncio.Lock()
         self._closed = False
+        self._renewed = -_RENEW_S
         self.card: Card | None = None
 
     @property
@@ -52,6 +57,13 @@ class WorkerPool:
         Raises:
             StartError: the weights do not load, or no worker starts.
         """
+        if not self.settings.sandbox:
+            logger.warning("PRSNET_SANDBOX=false: what a file makes a worker do, it can do with this user's rights")
+        elif not sandbox.available():
+            raise StartError(
+                f"system calls cannot be filtered here ({platform.system()} on {platform.machine()}); "
+                "PRSNET_SANDBOX=false serves without"
+            )
         factory = self._factory = self._new_zygote()
         self.card = await factory.start()
         if self.card.threads > 1:
@@ -61,7 +73,17 @@ class WorkerPool:
                 self._welcome(worker)
         except (*_LOST, TimeoutError, wire.WireError) as error:
             raise StartError(f"no worker starts: {error!r}") from error
+        self._begin(self._watch())
         return self.card
+
+    async def _watch(self) -> None:
+        """Replace idle workers that are no use any more: stopped ones send no word."""
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            for worker in list(self._idle):
+                if worker in self._idle and not worker.silent():
+                    self._idle.remove(worker)
+                    self._discard(worker, "lost")
 
     def admit(self) -> "Place":
         """Take a place.
@@ -82,10 +104,12 @@ class WorkerPool:
         if self.admitted >= self.capacity:
             raise ProblemError(OVERLOADED, OVERLOADED.example, {"Retry-After": "1"})
 
-    async def run(self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None) -> verify.Answer:
+    async def run(
+        self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None, tenant: str = ""
+    ) -> verify.Answer:
         """The answer to a job about a file: its bytes, or a descriptor. When cancelled, the work ends at once.
 
-        ``on_turn`` is called when the waiting is over.
+        ``on_turn`` is called when the waiting is over. A worker that served another ``tenant`` is not used.
 
         Raises:
             model.errors.MeshError: the worker reports it.
@@ -96,7 +120,7 @@ class WorkerPool:
             on_turn()
             try:
                 for _ in range(_TRIES):
-                    worker = await self._take()
+                    worker = await self._take(tenant)
                     try:
                         return await self._run_job(worker, job, data)
                     except _LOST:
@@ -144,6 +168,7 @@ class WorkerPool:
                 raise DefectError(f"in worker {worker.pid}:\n{json.loads(payload)}")
             raise wire.WireError("an unexpected frame")
         except (ValueError, verify.UntrustedError, wire.WireError) as error:
+            self._renew()
             raise DefectError(f"worker {worker.pid} is not trusted any more: {error}") from error
         except TookTooLongError:
             reason = "deadline"
@@ -193,18 +218,27 @@ class WorkerPool:
         except TimeoutError:
             logger.warning("worker %d was lost", worker.pid)
             return
+        if -code in _CRASHES:
+            self._renew()
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         logger.warning("worker %d was lost: %s", worker.pid, how)
         if code == -signal.SIGXCPU:
             raise TookTooLongError("The request used up the processor time a request may take.")
 
-    async def _take(self) -> Worker:
+    async def _take(self, tenant: str) -> Worker:
         while True:
             while self._idle:
-                worker = self._idle.pop()
-                if worker.silent():
+                # The last one used, of those that know this tenant or nobody; else one that has to go.
+                fitting = [worker for worker in self._idle if worker.tenant in ("", tenant)]
+                worker = (fitting or self._idle)[-1]
+                self._idle.remove(worker)
+                if not worker.silent():
+                    self._discard(worker, "lost")
+                elif fitting:
+                    worker.tenant = tenant
                     return worker
-                self._discard(worker, "lost")
+                else:
+                    self._discard(worker, "tenant")
             self._arrival.clear()
             await self._arrival.wait()
 
@@ -252,6 +286,31 @@ class WorkerPool:
                 logger.error("no new worker: %r; trying again", error)
                 await asyncio.sleep(pause)
                 pause = min(2 * pause, 5.0)
+
+    def _renew(self) -> None:
+        """A worker may have been attacked: have the next ones forked from a new process, whose addresses are others."""
+        now = asyncio.get_running_loop().time()
+        if not self._closed and now >= self._renewed + _RENEW_S:
+            self._renewed = now
+            self._begin(self._renew_zygote())
+
+    async def _renew_zygote(self) -> None:
+        async with self._revival:
+            factory = self._new_zygote()
+            try:
+                card = await factory.start()
+            except StartError as error:
+                logger.error("no new process to fork workers from: %s", error)
+                card = None
+            if card != self.card or self._closed:
+                await factory.close()
+                return
+            former, self._factory = self._factory, factory
+            if former is not None:
+                await former.close()
+        for worker in list(self._idle):
+            self._idle.remove(worker)
+            self._discard(worker, "renewed")
 
     async def _revive(self) -> None:
         """Have a zygote again before a worker is lost. If it cannot be had now, `_replace` will go on trying."""

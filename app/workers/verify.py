@@ -29,7 +29,6 @@ _POINT_GROUP = re.compile(r"[A-Za-z0-9]{1,16}")
 _LONGEST_TEXT = 500
 _LONGEST_MS = 86_400_000.0
 _LARGEST_NUMBER = 1e80
-_LARGEST_SHARE = 1e6
 _GROWTH = 100
 """So many times the faces and vertices that may come a completed mesh may have: small ones are cut into many."""
 
@@ -85,7 +84,7 @@ def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMe
     _require(all(_is_sentence(text) and text.isascii() for text in done.warnings), "text that is no sentence")
     counts = (done.vertices_kept, done.faces_kept, done.vertices_added, done.faces_added)
     _require(max(counts) <= _GROWTH * max(job.max_faces, job.max_vertices), "an impossible number of faces")
-    _require(done.area_added <= _LARGEST_SHARE and _in_range([done.tolerance, done.seam_distance]), "no measures")
+    _require(_in_range([done.area_added, done.tolerance, done.seam_distance]), "no measures")
     _require_timings(answer.timings_ms)
     _require(answer.complete_ms <= _LONGEST_MS, "impossible timings")
     return answer

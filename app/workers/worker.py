@@ -43,8 +43,8 @@ def _run(connection: socket.socket, detector: SymmetryDetector, limits: wire.San
     """Serve jobs; returns when the server has gone, or when memory ran out and the process should not go on."""
     os.nice(limits.nice)
     sandbox.raise_oom_score()
-    sandbox.limit_resources(limits.memory_bytes)
-    if limits.sandbox and sandbox.available():
+    sandbox.limit_resources(limits.memory_bytes, strict=limits.sandbox)
+    if limits.sandbox:
         sandbox.filter_system_calls()
     # Inside the sandbox, so that what they break breaks here; and once in this process, so that the pages it shares
     # with the zygote until it writes to them are its own before a request waits for it.

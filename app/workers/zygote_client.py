@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -19,6 +20,11 @@ from app.workers.wire import SandboxLimits
 
 # Set before torch and numpy are imported: a process with threads of theirs cannot be forked.
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+# What of the environment the processes that parse may know: how to find and run code. No key, no token, no setting.
+_HARMLESS = re.compile(
+    r"PATH|HOME|LANG|LC_\w+|TZ|TMPDIR|XDG_CACHE_HOME|LD_LIBRARY_PATH|PYTHON(?!PATH)\w*|NUMBA_\w+|MKL_\w+|OMP_\w+"
+    r"|VIRTUAL_ENV|SYSTEMROOT"
+)
 _LARGEST_CARD = 16 << 20
 _WORKER_START_S = 60.0
 
@@ -56,7 +62,7 @@ def launcher(weights: str) -> Launch:
                 [*command, str(theirs.fileno()), json.dumps(asdict(limits)), weights],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
-                env=os.environ | _ONE_THREAD | {"PYTHONPATH": path},
+                env=_environment() | _ONE_THREAD | {"PYTHONPATH": path},
                 start_new_session=True,  # a Ctrl-C is the server's to handle
             )
 
@@ -69,6 +75,10 @@ def launcher(weights: str) -> Launch:
     return launch
 
 
+def _environment() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if _HARMLESS.fullmatch(name)}
+
+
 @dataclass(eq=False, slots=True)
 class Worker:
     """One worker process: its id and the socket to it."""
@@ -76,6 +86,7 @@ class Worker:
     pid: int
     connection: socket.socket
     jobs: int = 0
+    tenant: str = ""
     ended: "asyncio.Future[int]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
     _handle: int | None = field(init=False, default=None)
 
@@ -85,7 +96,10 @@ class Worker:
             self._handle = os.pidfd_open(self.pid)
 
     def silent(self) -> bool:
-        """Whether it is there and has nothing to say, as it should when it has no job."""
+        """Whether it is there, not stopped, and has nothing to say, as it should when it has no job."""
+        with contextlib.suppress(OSError, IndexError), open(f"/proc/{self.pid}/stat") as file:
+            if file.read().rsplit(")", 1)[1].split()[0] in "Tt":
+                return False
         try:
             self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -162,7 +176,12 @@ class ZygoteClient:
         self._asked.append((ours, future))
         with theirs:
             socket.send_fds(self._control, [wire.frame(wire.FORK)], [theirs.fileno()])
-        worker = await future
+        try:
+            async with asyncio.timeout(_WORKER_START_S):
+                worker = await future
+        except TimeoutError:  # it hangs: nobody need ask it again
+            await self.close()
+            raise
         try:
             async with asyncio.timeout(_WORKER_START_S):
                 kind, payload = await wire.receive(ours)

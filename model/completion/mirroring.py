@@ -13,7 +13,7 @@ from model.completion.seam import join
 from model.errors import DegenerateMeshError
 from model.geometry.frames import UnitFrame, triangle_areas
 from model.geometry.sampling import sample_surface
-from model.geometry.surface import SurfaceIndex
+from model.geometry.surface import WORK, SurfaceIndex
 from model.geometry.transforms import reflect
 from model.meshes._topology import duplicate_vertex_map
 from model.meshes.clipping import clip, nondegenerate_mask, remove_unreferenced_vertices
@@ -22,6 +22,9 @@ from model.meshes.subdivision import edge_lengths
 from model.types import FloatArray, IntArray
 
 _SAMPLES = 2000
+_WORK_A_FACE = 100
+"""Each face is asked about a few times. Well-shaped ones take a tenth of this, fans of slivers most of it."""
+
 _ON_PLANE = 1e-9
 """Unit frame. A vertex nearer to the plane than this is on it."""
 
@@ -65,12 +68,13 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
 
     Raises:
         DegenerateMeshError: nothing of the mesh is left on one side of a plane it should be symmetric about.
+        TooComplexError: its faces crowd so much, or would have to be cut so often, that it would take too long.
     """
     frame = UnitFrame.of(mesh.vertices, mesh.faces)
     own, faces = merged(mesh)
     vertices = frame.to_unit(own)
     plane = frame.plane_to_unit(plane)
-    surface = SurfaceIndex(vertices, faces)
+    surface = SurfaceIndex(vertices, faces, work=_work(faces))
     samples = reflect(sample_surface(vertices, faces, _SAMPLES, seed=0)[0], plane)
     error = surface.mean_squared_distance(samples)
     tolerance = estimate_tolerance(surface, samples)
@@ -116,6 +120,11 @@ def halve(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[Floa
     frame = UnitFrame.of(mesh.vertices, mesh.faces)
     vertices, faces = merged(mesh)
     return _half(vertices, faces, plane if positive else -plane, _ON_PLANE * frame.scale)
+
+
+def _work(faces: IntArray) -> float:
+    """What may be done to measure distances to so many faces."""
+    return 2.0 * WORK + _WORK_A_FACE * len(faces)
 
 
 def merged(mesh: Mesh) -> tuple[FloatArray, IntArray]:
@@ -193,7 +202,7 @@ def _averaged(
     Vertices farther than twice the tolerance from the mirror image have none to meet half way, and stay; those nearer
     to the plane than half of it are put on it.
     """
-    surface = SurfaceIndex(vertices, faces)
+    surface = SurfaceIndex(vertices, faces, work=_work(faces))
     targets, squared, _ = surface.closest(reflect(vertices, plane))
     near = squared <= (2.0 * tolerance) ** 2
     middle = np.where(near[:, None], (vertices + reflect(targets, plane)) / 2.0, vertices)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model.errors import TooComplexError
 from model.geometry.frames import triangle_areas
 from model.geometry.surface import SurfaceIndex
 from model.meshes.clipping import clip, remove_unreferenced_vertices
@@ -28,8 +29,12 @@ FINEST_EDGE = 0.015
 """Unit frame. Triangles on the border of a missing part are not cut smaller than this."""
 
 _SPACING = 0.02
+_THIN = 0.9
 _MOST_POINTS = 300_000
-_HALVINGS = 40
+_HALVINGS = 30
+_MOST_FACES, _FACES_A_FACE = 300_000, 4
+"""Cutting may make so many faces, and so many of each there was."""
+
 # Steps of the plane's most even sequence of points (the plastic number's powers).
 _STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
@@ -64,25 +69,33 @@ def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, t
         vertices: ``(v, 3)`` of the mirrored one.
         faces: ``(f, 3)``.
         tolerance: what is nearer to the original is there.
+
+    Raises:
+        TooComplexError: long thin triangles would have to be cut into too many.
     """
     spacing = max(_SPACING, float(np.sqrt(triangle_areas(vertices[faces]).sum() / _MOST_POINTS)))
+    significant = max(SIGNIFICANT, 2.0 * tolerance)
     missing = np.empty(0, dtype=np.bool_)
     partly = np.empty(0, dtype=np.bool_)
+    deep = np.empty(0, dtype=np.bool_)
     new = np.arange(len(faces))
-    depth = np.empty(0)
+    most = _MOST_FACES + _FACES_A_FACE * len(faces)
     while True:
-        most, least = _reach(surface, vertices, faces[new], spacing, tolerance)
-        missing = np.append(missing, least > tolerance)
-        partly = np.append(partly, (least <= tolerance) & (most > tolerance))
-        depth = np.append(depth, most)
+        if len(faces) > most:
+            raise TooComplexError(
+                f"What is missing would be made of more than {most} triangles: too many long thin ones cross its "
+                "border. Give another plane, or send a mesh whose triangles are less thin."
+            )
+        some, every, far = _beyond(surface, vertices, faces[new], spacing, tolerance, significant)
+        missing, partly, deep = np.append(missing, every), np.append(partly, some & ~every), np.append(deep, far)
         wanted = partly[:, None] & (edge_lengths(vertices, faces) > FINEST_EDGE)
         if not wanted.any():
             break
         vertices, faces, parents = halve_edges(vertices, faces, wanted)
         stay = int((np.bincount(parents) == 1).sum())
-        missing, partly, depth = missing[parents[:stay]], partly[parents[:stay]], depth[parents[:stay]]
+        missing, partly, deep = missing[parents[:stay]], partly[parents[:stay]], deep[parents[:stay]]
         new = np.arange(stay, len(faces))
-    chosen = _significant(faces, missing | partly, depth, max(SIGNIFICANT, 2.0 * tolerance))
+    chosen = _significant(faces, missing | partly, deep)
     # With their neighbours, in which the border may run a little beyond the points they were judged by.
     touched = np.zeros(len(vertices), dtype=np.bool_)
     touched[faces[chosen]] = True
@@ -101,7 +114,7 @@ def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance
         for _ in range(_HALVINGS):
             middle = (low + high) / 2.0
             points = inside + middle[:, None] * (outside - inside)
-            beyond = surface.squared_distances(points) > tolerance**2
+            beyond = ~surface.within(points, tolerance)
             low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)
         return inside + low[:, None] * (outside - inside)
 
@@ -120,17 +133,17 @@ def _with_centres(
     their incentres. Returns vertices, faces, and which vertices are farther away than the tolerance.
     """
     while True:
-        far = surface.squared_distances(vertices) > tolerance**2
+        far = ~surface.within(vertices, tolerance)
         corners = vertices[faces]
         middles = (corners + np.roll(corners, -1, axis=1)) / 2.0
         wanted = ~far[faces] & ~np.roll(far[faces], -1, axis=1)
-        wanted[wanted] = surface.squared_distances(middles[wanted]) > tolerance**2
+        wanted[wanted] = ~surface.within(middles[wanted], tolerance)
         if not wanted.any():
             break
         vertices, faces, _ = halve_edges(vertices, faces, wanted)
     narrow = np.flatnonzero(~far[faces].any(axis=1))
     centres = _incircles(vertices[faces[narrow]])[0]
-    beyond = surface.squared_distances(centres) > tolerance**2
+    beyond = ~surface.within(centres, tolerance)
     narrow, centres = narrow[beyond], centres[beyond]
     a, b, c = faces[narrow].T
     middle = (len(vertices) + np.arange(len(narrow))).astype(np.int32)
@@ -147,15 +160,15 @@ def _incircles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (opposite[:, :, None] * corners).sum(axis=1) / around[:, None], 2.0 * triangle_areas(corners) / around
 
 
-def _reach(
-    surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, spacing: float, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
-    """Largest and smallest distance of points spread over each triangle, its corners among them: ``(f,)`` each.
+def _beyond(
+    surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, spacing: float, tolerance: float, significant: float
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Of points spread over each triangle, its corners among them, whether some, and all, are beyond the tolerance.
 
-    What is nearer to its edges than the tolerance is left out: along the border of what is there a triangle that is
-    missing altogether touches it.
+    And whether some are farther than what is ``significant``: ``(f,)`` each. What is nearer to its edges than the
+    tolerance is left out: along the border of what is there a triangle that is missing altogether touches it.
     """
-    corners = _shrunk(vertices[faces], 1.5 * tolerance)
+    corners, is_thin = _shrunk(vertices[faces], 1.5 * tolerance)
     count = np.ceil(triangle_areas(corners) / spacing**2).astype(np.int64)
     count[edge_lengths(vertices, faces).max(axis=1, initial=0.0) < FINEST_EDGE] = 0
     owner = np.repeat(np.arange(len(faces)), count)
@@ -165,24 +178,29 @@ def _reach(
     weights[folded] = 1.0 - weights[folded]
     a, b, c = corners[owner].swapaxes(0, 1) if len(owner) else np.empty((3, 0, 3))
     spread = a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a)
-    points = np.concatenate([corners.reshape(-1, 3), corners.mean(axis=1), spread])
-    owners = np.concatenate([np.repeat(np.arange(len(faces)), 3), np.arange(len(faces)), owner])
-    distances = np.sqrt(surface.squared_distances(points))
-    most, least = np.zeros(len(faces)), np.full(len(faces), np.inf)
-    np.maximum.at(most, owners, distances)
-    np.minimum.at(least, owners, distances)
-    return most, least
+    # Of thin ones the corners are next to the centre: it stands for them.
+    wide = np.flatnonzero(~is_thin)
+    points = np.concatenate([corners[wide].reshape(-1, 3), corners.mean(axis=1), spread])
+    owners = np.concatenate([np.repeat(wide, 3), np.arange(len(faces)), owner])
+    beyond = ~surface.within(points, tolerance)
+    some, every, far = (np.zeros(len(faces), dtype=np.bool_) for _ in range(3))
+    some[owners[beyond]] = True
+    every[:] = True
+    every[owners[~beyond]] = False
+    deep = owners[beyond][~surface.within(points[beyond], significant)]
+    far[deep] = True
+    return some, every, far
 
 
-def _shrunk(corners: FloatArray, margin: float) -> FloatArray:
-    """Triangles ``(f, 3 corners, 3)`` with their edges moved in by ``margin``, or nearly to the centre of thin ones."""
+def _shrunk(corners: FloatArray, margin: float) -> tuple[FloatArray, BoolArray]:
+    """Triangles ``(f, 3 corners, 3)`` with their edges moved in by ``margin``, and which are too thin for it."""
     centre, radius = _incircles(corners)
-    share = np.minimum(margin / np.maximum(radius, 1e-300), 0.9)
-    return corners + share[:, None, None] * (centre[:, None] - corners)
+    share = np.minimum(margin / np.maximum(radius, 1e-300), _THIN)
+    return corners + share[:, None, None] * (centre[:, None] - corners), share == _THIN
 
 
-def _significant(faces: IntArray, chosen: BoolArray, depth: FloatArray, least: float) -> BoolArray:
-    """Of the chosen faces those in a connected part that reaches ``least`` somewhere."""
+def _significant(faces: IntArray, chosen: BoolArray, deep: BoolArray) -> BoolArray:
+    """Of the chosen faces those in a connected part that is ``deep`` somewhere."""
     part = faces[chosen]
     if not len(part):
         return chosen
@@ -195,9 +213,9 @@ def _significant(faces: IntArray, chosen: BoolArray, depth: FloatArray, least: f
         if (joined == labels).all():
             break
         labels = joined
-    deepest = np.zeros(len(labels))
     owners = labels[part[:, 0]]
-    np.maximum.at(deepest, owners, depth[chosen])
+    reaches = np.zeros(len(labels), dtype=np.bool_)
+    reaches[owners[deep[chosen]]] = True
     result = chosen.copy()
-    result[chosen] = deepest[owners] > least
+    result[chosen] = reaches[owners]
     return result

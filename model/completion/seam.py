@@ -68,7 +68,8 @@ def join(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, part: Mis
     if rim.faces:
         edges = np.array(list(rim.faces), dtype=np.int32)
         # An edge is a triangle without area to the index.
-        nearby, rim_squared, owners = SurfaceIndex(vertices, edges[:, [0, 1, 1]]).closest(part.vertices[border])
+        index_of_rim = SurfaceIndex(vertices, edges[:, [0, 1, 1]], work=surface.work_left)
+        nearby, rim_squared, owners = index_of_rim.closest(part.vertices[border])
         near = rim_squared <= (_REACH * tolerance) ** 2
         targets[near], squared[near] = nearby[near], rim_squared[near]
         for vertex, target, edge in zip(border[near], nearby[near], edges[owners[near]].tolist(), strict=True):

@@ -5,7 +5,9 @@ become vector instructions):
 
     boxes     (nodes * 6 * FANOUT,) float64    lower x, y, z, upper x, y, z of every child; inverted infinities if empty
     children  (nodes * FANOUT,) int32          a node, or ~leaf when negative
-    frames    (leaves * ROWS * LANES,) float64 one orthonormal frame a triangle, see ``_frame``
+    frames    (leaves * ROWS * LANES + 2,) float64 one orthonormal frame a triangle, see ``_frame``; the last two are
+                                               the distance that is rounding, and the work that queries may still do,
+                                               see ``_bvh_query.nearest``
     owners    (leaves * LANES,) int32          the triangles; short leaves repeat their last one
 
 The root is node 0.
@@ -27,19 +29,8 @@ _SORTED = 32  # ranges up to this many references are sorted and split at whole 
 _SAMPLE = 128  # references that decide a split of a larger range
 
 
-@jit
-def enclose(vertices: FloatArray, faces: IntArray, boxes: FloatArray) -> None:
-    """The boxes (f, 6) of the triangles: lower x, y, z, upper x, y, z."""
-    for face in range(faces.shape[0]):
-        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
-        for axis in range(3):
-            a, b, c = vertices[i, axis], vertices[j, axis], vertices[k, axis]
-            boxes[face, axis] = min(a, b, c)
-            boxes[face, 3 + axis] = max(a, b, c)
-
-
 @jit_allocating
-def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, IntArray, bool]:
     """Sort the references into leaves and build the nodes above them.
 
     Args:
@@ -47,8 +38,10 @@ def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, Int
         owners: (m,) face indices, reordered alike.
 
     Returns:
-        boxes and children as in the module's docstring, and (leaves, 2) the first reference of each leaf and the end.
+        boxes and children as in the module's docstring, (leaves, 2) the first reference of each leaf and the end, and
+        whether many boxes had one centre: they may be of one triangle, many times.
     """
+    crowded = False
     count = refs.shape[0]
     balanced = 1
     while (1 << balanced) < count:
@@ -96,6 +89,7 @@ def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, Int
                 _measure(refs, start, middle, low)
                 _measure(refs, middle, end, high)
             else:
+                crowded = crowded or _coincide(low)
                 middle = _split_large(refs, owners, start, end, low, high, bins, box, depth > 2 * balanced + 8)
             ranges[chosen, 1], ranges[chosen, 2] = middle, depth
             ranges[used, 0], ranges[used, 1], ranges[used, 2] = middle, end, depth
@@ -117,7 +111,7 @@ def build(refs: FloatArray, owners: IntArray) -> tuple[FloatArray, IntArray, Int
                     stack_box[open_nodes] = extents[slot]
                     open_nodes += 1
                     nodes += 1
-    return boxes[: nodes * 6 * FANOUT].copy(), children[: nodes * FANOUT].copy(), leaves[:found].copy()
+    return boxes[: nodes * 6 * FANOUT].copy(), children[: nodes * FANOUT].copy(), leaves[:found].copy(), crowded
 
 
 @jit
@@ -143,6 +137,12 @@ def _widest(extent: FloatArray) -> int:
         if extent[9 + other] - extent[6 + other] > extent[9 + axis] - extent[6 + axis]:
             axis = other
     return axis
+
+
+@jit
+def _coincide(extent: FloatArray) -> bool:
+    """Whether all centres are at one place."""
+    return extent[6] == extent[9] and extent[7] == extent[10] and extent[8] == extent[11]
 
 
 @jit

@@ -11,11 +11,22 @@ from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES, ROWS, STACK
 from model.types import AnyArray, FloatArray, IntArray
 
+_ROUNDING = 1e-15
+"""Part of the largest coordinate: what is nearer by less is not looked for. Overlapping triangles of one plane are all
+equally far from a point, and each would be looked into for the sake of the last digit."""
+
 
 @jit_allocating
-def pack(vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntArray) -> tuple[FloatArray, IntArray]:
+def pack(
+    vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntArray, work: float
+) -> tuple[FloatArray, IntArray]:
     """Frames and owners of all leaves, see ``_bvh``; `sources` are the faces of the sorted references."""
-    frames = np.empty(leaves.shape[0] * ROWS * LANES)
+    frames = np.empty(leaves.shape[0] * ROWS * LANES + 2)
+    largest = 0.0
+    for face in range(faces.shape[0]):
+        for axis in range(3):
+            largest = max(largest, abs(vertices[faces[face, 0], axis]))
+    frames[-2], frames[-1] = _ROUNDING * largest, work
     owners = np.empty(leaves.shape[0] * LANES, dtype=np.int32)
     for leaf in range(leaves.shape[0]):
         for lane in range(LANES):
@@ -74,7 +85,7 @@ def _frame(vertices: FloatArray, faces: IntArray, face: int, frames: FloatArray,
 
 
 @jit
-def _leaf_distances(frames: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
+def leaf_distances(frames: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
     """Squared distances to the triangles of a leaf, without branches: one vector lane a triangle."""
     # The number of lanes comes from the array on purpose: known to the compiler, the loop would be unrolled to scalars.
     lanes = squared.shape[0]
@@ -102,7 +113,7 @@ def _leaf_distances(frames: FloatArray, at: int, x: float, y: float, z: float, s
 
 
 @jit
-def _box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
+def box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
     """Squared distances to the children's boxes; infinite for absent children."""
     fanout = squared.shape[0]
     for child in range(fanout):
@@ -111,6 +122,13 @@ def _box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squ
         dy = max(max(boxes[row + fanout] - y, y - boxes[row + 4 * fanout]), 0.0)
         dz = max(max(boxes[row + 2 * fanout] - z, z - boxes[row + 5 * fanout]), 0.0)
         squared[child] = dx * dx + dy * dy + dz * dz
+
+
+@jit
+def _beaten(squared: float, rounding: float) -> float:
+    """The squared distance of boxes that hold nothing nearer, but for rounding."""
+    distance = max(np.sqrt(squared) - rounding, 0.0)
+    return distance * distance
 
 
 @jit
@@ -132,37 +150,48 @@ def nearest(
 
     The search begins in the leaf `seed`: if it is near, it prunes the tree at once. The last four arrays are scratch
     of length `STACK`, `STACK`, `FANOUT` and `LANES`.
+
+    Every node and leaf that is looked into counts as one unit of the work that the tree may do, the last number in
+    `frames`. Once that is used up, only the leaf `seed` is looked into: the caller must ask `SurfaceIndex.require_work`
+    before it believes what a kernel found. (Threads that share a tree may lose some of each other's counts.)
     """
+    last = frames.shape[0] - 1
+    rounding = float(frames[last - 1])
+    visits = 0
     best, found = bound, -1
-    _leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
+    leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
     for lane in range(LANES):
         if leaf_squared[lane] < best:
             best, found = leaf_squared[lane], seed * LANES + lane
+    enough = _beaten(best, rounding)
     waiting[0], waiting_squared[0] = 0, 0.0
-    top = 1
+    top = 1 if frames[last] > 0.0 else 0
     while top > 0:
         top -= 1
-        if waiting_squared[top] >= best:
+        if waiting_squared[top] >= enough:
             continue
+        visits += 1
         node = waiting[top]
         if node < 0:
             if ~node != seed:
-                _leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
+                leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
                 for lane in range(LANES):
                     if leaf_squared[lane] < best:
                         best, found = leaf_squared[lane], ~node * LANES + lane
+                enough = _beaten(best, rounding)
             continue
-        _box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
+        box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
         bottom = top
         for child in range(FANOUT):
             value = child_squared[child]
-            if value < best:  # kept sorted, the nearest on top
+            if value < enough:  # kept sorted, the nearest on top
                 place = top
                 while place > bottom and waiting_squared[place - 1] < value:
                     waiting_squared[place], waiting[place] = waiting_squared[place - 1], waiting[place - 1]
                     place -= 1
                 waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
                 top += 1
+    frames[last] -= visits
     return best, found
 
 

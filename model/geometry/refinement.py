@@ -171,6 +171,7 @@ def _refined(
         _ROUGHLY,
         *surface.tree,
     )
+    surface.require_work()
     return surface.from_tree(directions), surface.from_tree(points)
 
 
@@ -181,4 +182,5 @@ def squared_distances(surface: SurfaceIndex, samples: FloatArray, operations: Op
     # In the axes A of the tree the linear part R becomes A R A^T: the same kind of turn about the turned direction.
     linear = linear_parts(surface.to_tree(operations.directions), operations.angles, operations.improper)
     _kernels.image_distances(surface.to_tree(samples), points, linear, *surface.tree, squared)
+    surface.require_work()
     return squared

@@ -1,9 +1,15 @@
 """Edges of a mesh: which ones are open, and whether the surface is closed."""
 
+import os
+
 import numpy as np
 
 from model._jit import jit, kernel_array
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
+
+HASH_SEED = int.from_bytes(os.urandom(7), "big")
+"""What hash tables start from, so that nobody can make a file whose vertices or faces all collide. Results are the same
+for every seed."""
 
 
 def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
@@ -62,19 +68,20 @@ def duplicate_vertex_map(vertices: FloatArray) -> IntArray:
     while size < 2 * len(positions):
         size *= 2
     merged = np.empty(len(positions), dtype=np.int32)
-    _merge(positions.view(np.int64), np.full(size, -1, dtype=np.int32), merged)
+    _merge(positions.view(np.int64), np.full(size, -1, dtype=np.int32), HASH_SEED, merged)
     return merged
 
 
 @jit
-def _merge(bits: AnyArray, table: IntArray, merged: IntArray) -> None:
+def _merge(bits: AnyArray, table: IntArray, seed: int, merged: IntArray) -> None:
     """For every vertex the first one with the same coordinates, through a hash table with linear probing."""
-    mask = table.shape[0] - 1
+    mask = np.uint64(table.shape[0] - 1)
     for vertex in range(bits.shape[0]):
-        x, y, z = np.uint64(bits[vertex, 0]), np.uint64(bits[vertex, 1]), np.uint64(bits[vertex, 2])
-        key = x * np.uint64(0x9E3779B97F4A7C15) ^ y * np.uint64(0xC2B2AE3D27D4EB4F) ^ z * np.uint64(0x165667B19E3779F9)
-        key = (key ^ (key >> np.uint64(32))) * np.uint64(0xD6E8FEB86659FD93)
-        slot = np.int64((key ^ (key >> np.uint64(29))) & np.uint64(mask))
+        key = np.uint64(seed)
+        for axis in range(3):
+            key = (key ^ np.uint64(bits[vertex, axis])) * np.uint64(0xD6E8FEB86659FD93)
+            key ^= key >> np.uint64(32)
+        slot = np.int64(key & mask)
         while True:
             other = table[slot]
             if other < 0:

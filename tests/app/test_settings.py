@@ -43,3 +43,38 @@ def test_cores_respect_the_containers_quota(
     monkeypatch.setattr(settings, "_CGROUP_QUOTA", tmp_path / "cpu.max")
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(4)))
     assert available_cores() == cores
+
+
+@pytest.mark.parametrize("keys", [" , ,", ",", " "])
+def test_keys_that_are_none_do_not_open_the_service(keys: str) -> None:
+    with pytest.raises(ValidationError):
+        Settings(api_keys=keys)
+    assert Settings(api_keys=" a, b,").keys == ["a", "b"]
+
+
+def test_a_folder_for_uploads_must_be_there(tmp_path: Path) -> None:
+    with pytest.raises(ValidationError):
+        Settings(spool_dir=str(tmp_path / "missing"))
+    assert Settings(spool_dir=str(tmp_path)).spool_dir == str(tmp_path)
+
+
+def test_names_with_a_typo_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PRSNET_PORT", "9123")
+    monkeypatch.setenv("PRSNET_API_KEY", "x")
+    monkeypatch.setenv("prsnet_max_face", "3")
+    assert settings.unknown_variables() == ["PRSNET_API_KEY", "prsnet_max_face"]
+
+
+def test_limits_of_the_first_version_of_cgroups_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name, path, content in (
+        ("_CGROUP_QUOTA", "none", None), ("_CGROUP_MEMORY", "none", None), ("_V1_QUOTA", "quota", "200000"),
+        ("_V1_PERIOD", "period", "100000"), ("_V1_MEMORY", "memory", str(1 << 30)),
+    ):  # fmt: skip
+        if content is not None:
+            (tmp_path / path).write_text(content + "\n")
+        monkeypatch.setattr(settings, name, tmp_path / path)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(4)))
+    assert available_cores() == 2
+    assert settings.memory_per_worker() == (1 << 30) * 3 // 4 // 2
+    (tmp_path / "quota").write_text("-1\n")
+    assert available_cores() == 4

@@ -35,6 +35,10 @@ const WORDS: Record<string, ProblemWords> = {
     "Reduce the mesh, or write it in a binary format (GLB, PLY, STL).",
   ),
   "mesh-too-large": words("The mesh is too large", "Reduce its number of faces, for instance by decimation."),
+  "mesh-too-complex": words(
+    "The mesh is too complex",
+    "Too many faces cross or crowd each other. Send its outer surface alone, or a simplified mesh.",
+  ),
   "unsupported-format": words(
     "This format is not read",
     `Formats: ${FORMATS}. The name's ending must fit the content.`,

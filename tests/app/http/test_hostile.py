@@ -1,6 +1,10 @@
 """Hostile files through the service: every one gets a clear answer, and costs no worker but perhaps its own."""
 
+import contextlib
+import fcntl
 import os
+import resource
+import struct
 import time
 from typing import Any
 
@@ -92,8 +96,67 @@ def signal_the_server() -> None:
     raise RuntimeError("leaked")
 
 
+def have_the_server_sent_signals() -> None:
+    fcntl.fcntl(_socket(), 8, os.getppid())  # F_SETOWN
+    raise RuntimeError("leaked")
+
+
+def choose_the_signal() -> None:
+    fcntl.fcntl(_socket(), 10, 9)  # F_SETSIG
+    raise RuntimeError("leaked")
+
+
+def own_with_a_struct() -> None:
+    fcntl.fcntl(_socket(), 15, struct.pack("ii", 1, os.getppid()))  # F_SETOWN_EX
+    raise RuntimeError("leaked")
+
+
+def ask_for_signals() -> None:
+    flags = fcntl.fcntl(_socket(), fcntl.F_GETFL)
+    fcntl.fcntl(_socket(), fcntl.F_SETFL, flags | os.O_NONBLOCK)  # this is allowed
+    fcntl.fcntl(_socket(), fcntl.F_SETFL, flags)
+    fcntl.fcntl(_socket(), fcntl.F_SETFL, flags | 0x2000)  # O_ASYNC
+    raise RuntimeError("leaked")
+
+
+def ask_for_signals_by_ioctl() -> None:
+    fcntl.ioctl(_socket(), 0x8902, struct.pack("i", os.getppid()))  # SIOCSPGRP
+    raise RuntimeError("leaked")
+
+
+def read_the_servers_memory() -> None:
+    with open(f"/proc/{os.getppid()}/mem", "rb"):
+        raise RuntimeError("leaked")
+
+
+def see_what_cores_the_server_has() -> None:
+    os.sched_getaffinity(os.getppid())
+    raise RuntimeError("leaked")
+
+
+def limit_the_server() -> None:
+    resource.prlimit(os.getppid(), resource.RLIMIT_CPU)
+    raise RuntimeError("leaked")
+
+
+def _socket() -> int:
+    """What the worker has open beside the standard streams: its end of the socket to the server is among it."""
+    for descriptor in range(3, 4096):
+        with contextlib.suppress(OSError):
+            fcntl.fcntl(descriptor, fcntl.F_GETFD)
+            return descriptor
+    raise AssertionError
+
+
+ESCAPES = [
+    read_a_secret, connect, run_a_program, fork, write_a_file, signal_the_server, have_the_server_sent_signals,
+    choose_the_signal, own_with_a_struct, ask_for_signals, ask_for_signals_by_ioctl, read_the_servers_memory,
+    see_what_cores_the_server_has, limit_the_server,
+]  # fmt: skip
+
+
 @pytest.mark.skipif(not sandbox.available(), reason="needs Linux on x86-64 or ARM64")
-@pytest.mark.parametrize("action", [read_a_secret, connect, run_a_program, fork, write_a_file, signal_the_server])
+@pytest.mark.parametrize("action", ESCAPES)
 async def test_a_worker_that_was_taken_over_is_locked_in(
     serving: Serving,
     detector: FakeDetector,

@@ -1,0 +1,146 @@
+"""Who is let in: refusals that cost microseconds, given before a request is made of what came.
+
+They say what the framework would say (`app.problems`); that it need not be asked is what keeps the service at its
+capacity while ten times as much is offered.
+"""
+
+import asyncio
+import hashlib
+import hmac
+import json
+import logging
+from collections import Counter
+from collections.abc import Sequence
+from http import HTTPStatus
+from uuid import uuid4
+
+from app import problems
+from app.http.metrics import Metrics
+from app.http.middleware import HEADER, SANE_ID, SECURITY
+from app.http.slots import UploadSlots
+from app.problems import ProblemType
+from app.schemas import KEY_HEADER
+from app.settings import Settings
+from app.workers.pool import WorkerPool
+
+logger = logging.getLogger("prsnet.access")
+
+_GUARDED = (b"/detect", b"/complete")
+_KEY, _ID = KEY_HEADER.lower().encode(), HEADER.lower().encode()
+_ARRIVING_S = 0.25
+_LOG_EVERY_S = 1.0
+Headers = Sequence[tuple[bytes, bytes]]
+"""Names in lower case."""
+
+
+class Arrival:
+    """A request that was let in and has no place yet. It counts as one in the queue, but for a moment only."""
+
+    def __init__(self, gate: "Gate") -> None:
+        self._gate = gate
+        self._is_counted = True
+        gate.arriving += 1
+        self._timer = asyncio.get_running_loop().call_later(_ARRIVING_S, self.end)
+
+    def end(self) -> None:
+        """It has a place, or needs none, or is too slow to be reckoned with."""
+        if self._is_counted:
+            self._is_counted = False
+            self._gate.arriving -= 1
+            self._timer.cancel()
+
+
+class Gate:
+    """What one server lets in; all of its connections ask it."""
+
+    def __init__(self, settings: Settings, pool: WorkerPool, metrics: Metrics) -> None:
+        self.arriving = 0
+        self.slots = UploadSlots(settings.uploads, settings.uploads_per_address, settings.upload_bytes_per_s)
+        self._settings = settings
+        self._key_digests = [hashlib.sha256(key.encode()).digest() for key in settings.keys]
+        self._address_header = settings.client_address_header.lower().encode()
+        self._pool = pool
+        self._metrics = metrics
+        self._refused: Counter[str] = Counter()
+
+    def knows(self, headers: Headers) -> bool:
+        """Whether no keys are configured, or the headers hold one of them."""
+        if not self._key_digests:
+            return True
+        # Digests are of one length, and every key is compared: the time taken tells nothing about any of them.
+        digest = hashlib.sha256(self._given(headers)).digest()
+        matches = [hmac.compare_digest(digest, key) for key in self._key_digests]
+        return any(matches)
+
+    def tenant(self, headers: Headers, peer: str) -> str:
+        """Who shares no worker with others: nobody, unless a setting asks for it; then a key, or an address."""
+        if not self._settings.worker_per_key:
+            return ""
+        if not self._key_digests:
+            return self.address(headers, peer) or "-"
+        return hashlib.sha256(self._given(headers)).hexdigest()
+
+    def address(self, headers: Headers, peer: str) -> str:
+        """Whose request it is: the peer's, or what the proxy in front says, where a setting trusts its header."""
+        if not self._address_header:
+            return peer
+        said = [value for name, value in headers if name == self._address_header]
+        return said[-1].rsplit(b",", 1)[-1].strip()[:64].decode("latin-1") if said else peer
+
+    def guards(self, method: bytes, path: bytes) -> bool:
+        """Whether a request asks for work."""
+        return method == b"POST" and path.endswith(_GUARDED)
+
+    def refusal(self, method: bytes, path: bytes, headers: Headers, peer: str) -> bytes | None:
+        """The whole answer to a request for work that is not let in; None where the framework shall answer."""
+        if not self.guards(method, path):
+            return None
+        if self._pool.card is None or (self._settings.cors_origins and any(name == b"origin" for name, _ in headers)):
+            return None  # it knows better how to say it
+        if not self.knows(headers):
+            return self._answer(path, headers, problems.UNAUTHORIZED, "www-authenticate: Bearer")
+        if self._pool.admitted + self.arriving >= self._pool.capacity:
+            return self._answer(path, headers, problems.OVERLOADED, "retry-after: 1")
+        if not self.slots.has_room(self.address(headers, peer)):
+            return self._answer(path, headers, problems.UPLOADS_FULL, "retry-after: 1")
+        return None
+
+    def _given(self, headers: Headers) -> bytes:
+        """The key that a request brings."""
+        given, token = b"", b""
+        for name, value in headers:
+            if name == _KEY:
+                given = value
+            elif name == b"authorization":
+                scheme, _, rest = value.partition(b" ")
+                token = rest.strip() if scheme.lower() == b"bearer" else b""
+        return given or token
+
+    def _answer(self, path: bytes, headers: Headers, problem: ProblemType, header: str) -> bytes:
+        claimed = next((value.decode("latin-1") for name, value in headers if name == _ID), "")
+        request_id = claimed if SANE_ID.fullmatch(claimed) else uuid4().hex
+        content = json.dumps(problems.body(problem, problem.example, request_id))
+        route = "/" + path.decode("ascii", "replace").rsplit("/", 1)[-1]
+        self._metrics.observe_request(route, "POST", problem.status, 0.0, problem.slug)
+        self._note(problem.slug)
+        lines = [
+            f"HTTP/1.1 {problem.status} {HTTPStatus(problem.status).phrase}",
+            f"content-type: {problems.MEDIA_TYPE}",
+            f"content-length: {len(content)}",
+            f"{HEADER.lower()}: {request_id}",
+            header,
+            *(f"{name.lower()}: {value}" for name, value in SECURITY.items()),
+        ]
+        return ("\r\n".join(lines) + "\r\n\r\n" + content).encode()
+
+    def _note(self, slug: str) -> None:
+        """One line of the log a second for all that were refused: a line each would cost more than the refusal."""
+        if not self._refused:
+            asyncio.get_running_loop().call_later(_LOG_EVERY_S, self._log)
+        self._refused[slug] += 1
+
+    def _log(self) -> None:
+        for slug, count in self._refused.items():
+            fields = {"problem": slug, "count": count, "seconds": _LOG_EVERY_S}
+            logger.info("%d requests refused: %s", count, slug, extra={"fields": fields})
+        self._refused.clear()

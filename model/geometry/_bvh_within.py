@@ -1,0 +1,89 @@
+"""Whether there is any surface within a distance: cheaper than how far the nearest is, above all where much is near."""
+
+import numpy as np
+
+from model._jit import jit, jit_allocating
+from model.geometry._bvh import FANOUT, LANES, ROWS, STACK
+from model.geometry._bvh_query import box_distances, leaf_distances
+from model.types import BoolArray, FloatArray, IntArray
+
+
+@jit_allocating
+def search_within(
+    points: FloatArray,
+    order: IntArray,
+    limit: float,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    found: BoolArray,
+) -> None:
+    """Fill ``found``: whether any triangle is within `limit` (squared) of each point, visited in the given order."""
+    waiting = np.empty(STACK, dtype=np.int32)
+    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    recent = 0  # the leaf that was near the previous point
+    for step in range(order.shape[0]):
+        point = order[step]
+        leaf = _leaf_within(
+            points[point, 0],
+            points[point, 1],
+            points[point, 2],
+            recent,
+            limit,
+            boxes,
+            children,
+            frames,
+            waiting,
+            child_squared,
+            leaf_squared,
+        )
+        found[point] = leaf >= 0
+        if leaf >= 0:
+            recent = leaf
+
+
+@jit
+def _leaf_within(
+    x: float,
+    y: float,
+    z: float,
+    seed: int,
+    limit: float,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    waiting: IntArray,
+    child_squared: FloatArray,
+    leaf_squared: FloatArray,
+) -> int:
+    """A leaf with a triangle within `limit`, or -1. It counts its work as ``_bvh_query.nearest`` does."""
+    leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
+    for lane in range(LANES):
+        if leaf_squared[lane] <= limit:
+            return seed
+    last = frames.shape[0] - 1
+    visits, found = 0, -1
+    waiting[0] = 0
+    top = 1 if frames[last] > 0.0 else 0
+    while top > 0 and found < 0:
+        top -= 1
+        visits += 1
+        node = waiting[top]
+        if node < 0:
+            leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
+            for lane in range(LANES):
+                if leaf_squared[lane] <= limit:
+                    found = ~node
+            continue
+        box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
+        nearest, place = np.inf, top
+        for child in range(FANOUT):
+            if child_squared[child] <= limit:
+                waiting[top] = children[node * FANOUT + child]
+                if child_squared[child] < nearest:
+                    nearest, place = child_squared[child], top
+                top += 1
+        if top > place + 1:  # the most promising one on top
+            waiting[place], waiting[top - 1] = waiting[top - 1], waiting[place]
+    frames[last] -= visits
+    return found

@@ -1,0 +1,127 @@
+"""What a worker can know of others: no secrets, no other tenant; what is stopped, hangs or crashed is replaced."""
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.settings import Settings
+from app.workers import sandbox, zygote_client
+from app.workers.pool import WorkerPool
+from app.workers.wire import SandboxLimits
+from app.workers.zygote_client import StartError, ZygoteClient
+from tests.app.fakes import FakeDetector, Serving, forked
+from tests.app.http.test_capacity import alive, until
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_the_process_that_workers_are_forked_from_knows_no_secret(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PRSNET_API_KEYS", "secret-a,secret-b")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-c")
+    monkeypatch.setenv("LC_ALL", "C.UTF-8")
+    connection, end = zygote_client.launcher("no-such.safetensors")(SandboxLimits(1 << 30, True, 0))
+    try:
+        child = int(Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()[-1])
+        known = Path(f"/proc/{child}/environ").read_bytes().split(b"\0")
+    finally:
+        connection.close()
+        end()
+    assert b"LC_ALL=C.UTF-8" in known
+    assert not any(b"secret" in entry or entry.startswith(b"PRSNET_") for entry in known)
+
+
+@pytest.mark.parametrize("separate", [False, True])
+async def test_a_worker_serves_one_key_where_that_is_asked_for(
+    serving: Serving, detector: FakeDetector, chair: bytes, separate: bool
+) -> None:
+    settings: dict[str, Any] = {"api_keys": "ann,bob", "worker_per_key": separate, "workers": 1}
+    async with serving(detector, **settings) as (client, runtime):
+        reasons: list[str] = []
+        runtime.pool.on_restart = reasons.append
+        for key in ("ann", "ann", "bob", "bob", "ann"):
+            files = {"file": ("chair.obj", chair)}
+            assert (await client.post("/detect", files=files, headers={"X-API-Key": key})).status_code == 200
+        used = [call["pid"] for call in detector.calls]
+        assert used[0] == used[1]
+        assert used[2] == used[3]
+        assert (used[1] == used[2]) is not separate
+        if separate:
+            assert len({used[0], used[2]}) == 2
+
+
+async def test_a_stopped_idle_worker_is_replaced(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
+    async with serving(detector, workers=1) as (client, runtime):
+        stopped = [worker.pid for worker in runtime.pool._idle]
+        for pid in stopped:
+            os.kill(pid, signal.SIGSTOP)
+        response = await client.post("/detect", files={"file": ("chair.obj", chair)})
+        assert response.status_code == 200
+        await until(lambda: not any(alive(pid) for pid in stopped))
+        await until(lambda: runtime.pool.live == 2)
+
+
+async def test_a_fork_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch, detector: FakeDetector) -> None:
+    monkeypatch.setattr(zygote_client, "_WORKER_START_S", 0.3)
+    pids = list[int]()
+    launch = forked(detector)
+
+    def noted(limits: SandboxLimits) -> Any:
+        before = set(_children())
+        result = launch(limits)
+        pids.extend(set(_children()) - before)
+        return result
+
+    client = ZygoteClient(noted, SandboxLimits(1 << 30, sandbox.available(), 0))
+    await client.start()
+    os.kill(pids[0], signal.SIGSTOP)
+    asyncio.get_running_loop().call_later(1.0, os.kill, pids[0], signal.SIGCONT)  # `forked` waits for its end
+    with pytest.raises(TimeoutError):
+        await client.spawn()
+    assert not client.alive
+
+
+def _children() -> list[int]:
+    return list(map(int, Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()))
+
+
+async def test_after_a_crash_workers_come_from_a_new_process(
+    serving: Serving, detector: FakeDetector, chair: bytes
+) -> None:
+    async with serving(detector, workers=1) as (client, runtime):
+        pool = runtime.pool
+        former = pool._factory
+        pool._renew()
+        await until(lambda: pool._factory is not former and pool.live == 2)
+        again = pool._factory
+        pool._renew()  # not twice in a minute
+        await asyncio.sleep(0.1)
+        assert pool._factory is again
+        assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
+
+
+async def test_without_a_filter_for_system_calls_it_does_not_start(
+    monkeypatch: pytest.MonkeyPatch, detector: FakeDetector, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("platform.machine", lambda: "i686")
+    pool = WorkerPool(Settings(workers=1), forked(detector))
+    with pytest.raises(StartError, match="PRSNET_SANDBOX=false"):
+        await pool.start()
+    pool = WorkerPool(Settings(workers=1, sandbox=False), forked(detector))
+    await pool.start()
+    await pool.close()
+    assert "PRSNET_SANDBOX=false" in caplog.text
+
+
+async def test_without_proc_limits_are_not_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(*_: Any) -> Any:
+        raise FileNotFoundError
+
+    monkeypatch.setattr(sandbox, "_address_space", missing)
+    monkeypatch.setattr(sandbox, "_set", lambda *_: None)
+    with pytest.raises(FileNotFoundError):
+        sandbox.limit_resources(1 << 30, strict=True)
+    sandbox.limit_resources(1 << 30)

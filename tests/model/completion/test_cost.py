@@ -1,0 +1,69 @@
+"""Completing is near linear: what it asks about a surface grows with the faces, whatever their shapes."""
+
+import numpy as np
+import pytest
+
+from model.completion import mirroring, missing
+from model.completion.mirroring import complete
+from model.completion.missing import find_missing
+from model.errors import TooComplexError
+from model.geometry.surface import SurfaceIndex
+from model.meshes.mesh import Mesh
+
+
+def prism(corners):
+    """Its caps are fans of slivers from one corner each."""
+    angle = 2.0 * np.pi * np.arange(corners) / corners
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    vertices = np.concatenate([np.column_stack([ring, np.full(corners, z)]) for z in (-0.5, 0.5)])
+    here, cap = np.arange(corners), np.arange(1, corners - 1)
+    after = (here + 1) % corners
+    sides = [np.stack([here, after, after + corners], 1), np.stack([here, after + corners, here + corners], 1)]
+    caps = [np.stack([0 * cap, cap + 1, cap], 1), np.stack([0 * cap, cap, cap + 1], 1) + corners]
+    return Mesh.checked(vertices, np.concatenate([*sides, *caps]).astype(np.int32))
+
+
+@pytest.fixture
+def spent(monkeypatch):
+    """The work of every surface index that completing makes."""
+    made = []
+
+    class Counted(SurfaceIndex):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            made.append((self, self.work_left))
+
+    monkeypatch.setattr(mirroring, "SurfaceIndex", Counted)
+    return lambda: sum(before - index.work_left for index, before in made)
+
+
+@pytest.mark.parametrize("symmetrize", [False, True])
+@pytest.mark.parametrize("normal", [[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]])
+def test_work_grows_with_the_faces_of_fans(spent, normal, symmetrize):
+    small, large = prism(500), prism(4000)
+    complete(small, np.array([*normal, 0.0]), symmetrize=symmetrize)
+    first = spent()
+    done = complete(large, np.array([*normal, 0.0]), symmetrize=symmetrize)
+    assert spent() - first < 20 * first
+    assert spent() - first < 300 * len(large.faces)
+    assert done.area_added < 1e-9
+
+
+def test_slivers_are_not_cut_without_end(monkeypatch):
+    monkeypatch.setattr(missing, "_MOST_FACES", 100)
+    monkeypatch.setattr(missing, "_FACES_A_FACE", 1)
+    mesh = prism(5000)
+    surface = SurfaceIndex(mesh.vertices, mesh.faces, work=1e9)
+    normal = np.array([0.02, 0.0, 1.0]) / np.linalg.norm([0.02, 0.0, 1.0])
+    mirrored = mesh.vertices - 2.0 * np.outer(mesh.vertices @ normal, normal)
+    with pytest.raises(TooComplexError, match="triangles"):
+        find_missing(surface, mirrored, mesh.faces[:, ::-1], 1e-4)
+
+
+def test_one_far_vertex_makes_a_large_share_of_area_and_no_failure():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1e12, 0, 0]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3], [0, 1, 4], [1, 2, 4]])
+    normal = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+    done = complete(Mesh.checked(vertices, faces), np.append(normal, 0.0))
+    assert np.isfinite(done.area_added)
+    assert done.area_added > 0.0
