@@ -16,9 +16,9 @@ from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
 from app.outputs.mesh_file import MeshWriter
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.planes import PlaneLike, plane_numbers
-from app.schemas import Completion, DetectResponse, Include, MeshFormat, Mode
+from app.schemas import Completion, DetectResponse, Include, Mode
 from model.completion import mirroring
 from model.formats.conversion import MeshLike, as_mesh
 from model.meshes.mesh import Mesh
@@ -122,21 +122,19 @@ def writer_for(path: str | os.PathLike[str]) -> MeshWriter:
     Raises:
         ValueError: there is none for its extension.
     """
-    extension = Path(path).suffix[1:].lower()
-    for name, writer in WRITERS.items():
-        if name == extension:
-            return writer
-    raise ValueError(f"the name must end in {', '.join('.' + name for name in WRITERS)}")
+    return MESH_WRITERS[mesh_format(path)]
 
 
-def mesh_format(path: str | os.PathLike[str]) -> MeshFormat:
+def mesh_format(path: str | os.PathLike[str]) -> str:
     """The format that a file's name tells.
 
     Raises:
         ValueError: there is no writer for it.
     """
-    writer = writer_for(path)
-    return next(name for name, known in WRITERS.items() if known is writer)
+    extension = Path(path).suffix[1:].lower()
+    if extension not in MESH_WRITERS:
+        raise ValueError(f"the name must end in {', '.join('.' + name for name in MESH_WRITERS)}")
+    return extension
 
 
 @functools.cache

@@ -4,25 +4,25 @@ A file that cannot be read, or on which a process dies, costs its own answer and
 """
 
 import functools
-import glob
 import os
 from collections.abc import Generator, Iterable
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from glob import glob, has_magic
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.client.errors import ClientError, UnreachableError
 from app.schemas import DetectResponse, Include, Mode
+from model.formats import FORMATS
 
 if TYPE_CHECKING:
     from app.client.client import Client
     from app.outputs.png import Up
 
-EXTENSIONS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf")
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -61,14 +61,14 @@ def expand(names: Iterable[str]) -> tuple[list[Path], list[Outcome]]:
     for name in names:
         path = Path(name)
         if path.is_dir():
-            inside = sorted(item for item in path.rglob("*") if item.suffix.lower() in EXTENSIONS and item.is_file())
+            inside = sorted(item for item in path.rglob("*") if item.suffix[1:].lower() in FORMATS and item.is_file())
             if not inside:
                 missing.append(Outcome(path, None, "The folder holds no mesh files."))
             found.update(dict.fromkeys(inside))
-        elif path.exists() or not glob.has_magic(name):
+        elif path.exists() or not has_magic(name):
             found[path] = None
         else:
-            matches = sorted(Path(item) for item in glob.glob(name, recursive=True) if Path(item).is_file())
+            matches = sorted(Path(item) for item in glob(name, recursive=True) if Path(item).is_file())
             if not matches:
                 missing.append(Outcome(path, None, "No file has such a name."))
             found.update(dict.fromkeys(matches))
@@ -93,8 +93,7 @@ def work(path: Path, task: Task) -> Outcome:
         model.CheckpointError: the weights cannot be used.
     """
     from app.local import detect
-    from app.outputs.glb import annotated_head
-    from app.outputs.meshes import WRITERS
+    from app.outputs import glb
     from app.outputs.png import picture
     from model.errors import MeshError
     from model.formats.conversion import as_mesh
@@ -106,8 +105,8 @@ def work(path: Path, task: Task) -> Outcome:
         )  # fmt: skip
         response = named(response, Path(path.name))
         if task.glb_folder is not None:
-            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds)
-            target(path, task.glb_folder, ".glb").write_bytes(annotated_head(response, body) + body)
+            body = glb.WRITER.body(mesh.vertices, mesh.faces, response.mesh.bounds)
+            target(path, task.glb_folder, ".glb").write_bytes(glb.annotated_head(response, body) + body)
         if task.png_folder is not None:
             drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)
             target(path, task.png_folder, ".png").write_bytes(drawn)
@@ -192,12 +191,6 @@ def _start() -> None:
     from model.detector import use_one_thread
 
     use_one_thread()
-
-
-def bop_key(path: Path) -> str:
-    """The name of a model in ``models_info.json``: the number of ``obj_000012.ply``, or a file's name as it is."""
-    head, _, number = path.stem.partition("_")
-    return str(int(number)) if head == "obj" and number.isascii() and number.isdigit() else path.stem
 
 
 def named(response: DetectResponse, path: Path) -> DetectResponse:

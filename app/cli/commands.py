@@ -85,6 +85,7 @@ def detect(
     as_lines: Annotated[bool, typer.Option("--jsonl", help="JSON, one line a file, as soon as it is there.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="A row a plane or axis.")] = False,
     as_bop: Annotated[bool, typer.Option("--bop", help="A models_info.json for a BOP data set.")] = False,
+    format: Annotated[str | None, typer.Option(help="Print in a format; a wrong name lists them.")] = None,
     glb: Annotated[bool, typer.Option("--glb", help="Also write NAME-symmetries.glb with planes and axes.")] = False,
     png: Annotated[bool, typer.Option("--png", help="Also write a picture NAME-symmetries.png.")] = False,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for these files.")] = Path(),
@@ -102,26 +103,31 @@ def detect(
     Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all failed, 4 the service is not there.
     """
     from app.cli import batch
-    from app.cli.listing import Format, Listing
+    from app.cli.listing import LINES, TABLE, Listing
+    from app.outputs.output_format import Options
     from app.settings import available_cores
 
     _require_max_error(max_error)
-    if as_json + as_lines + as_csv + as_bop > 1:
-        raise typer.BadParameter("at most one of --json, --jsonl, --csv and --bop")
+    shorthands = {"json": as_json, LINES: as_lines, "csv": as_csv, "bop": as_bop}
+    formats = [name for name, asked in shorthands.items() if asked] + ([format] if format else [])
+    if len(formats) > 1:
+        raise typer.BadParameter("at most one of --format, --json, --jsonl, --csv and --bop")
     if up not in (None, "y", "z"):
         raise typer.BadParameter("must be y or z", param_hint="--up")
-    format: Format = "json" if as_json else "jsonl" if as_lines else "csv" if as_csv else "bop" if as_bop else "table"
-    wanted: dict[Include, bool] = {"rejected": rejected, "bop": as_bop}
-    include: list[Include] = [name for name, asked in wanted.items() if asked]
     if glb or png:
         output.mkdir(parents=True, exist_ok=True)
-    task = Task(
-        mode, max_error, tuple(include), output if glb else None, output if png else None, up, weights, url, api_key
-    )  # fmt: skip
     paths, failed = batch.expand(files)
+    include: list[Include] = ["rejected"] if rejected else []
+    try:
+        listing = Listing(*formats or [TABLE], many=len(paths) > 1, options=Options(max_error, include))
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--format") from error
+    needed = (*include, *listing.include)
+    task = Task(
+        mode, max_error, needed, output if glb else None, output if png else None, up, weights, url, api_key
+    )  # fmt: skip
     if url is None:
         _load(weights)  # what is wrong with the weights is wrong for all files
-    listing = Listing(format, many=len(paths) > 1, include=include)
     outcomes: list[Outcome] = list(failed)
     with listing.progress(len(paths)) as advance:
         for outcome in batch.run(paths, task, jobs or min(available_cores(), max(1, len(paths)))):
@@ -250,7 +256,7 @@ def _plane(normal: str | None, offset: float) -> list[float] | None:
     """The plane of two options, as four numbers."""
     from pydantic import ValidationError
 
-    from app.schemas import CompleteQuery
+    from app.queries import CompleteQuery
 
     try:
         return CompleteQuery(normal=normal, offset=offset if normal is not None else None).plane

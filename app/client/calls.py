@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from app.client.errors import UnexpectedAnswerError, UnreachableError, for_problem
 from app.planes import PlaneLike, plane_numbers
-from app.schemas import COMPLETION, KEY_HEADER, Completion, Format, Include, MeshFormat, Mode, Problem, Schema
+from app.schemas import COMPLETION, KEY_HEADER, Completion, Include, Mode, Problem, Schema
 
 if TYPE_CHECKING:
     from model.formats.conversion import MeshLike
@@ -35,7 +35,7 @@ class CompletedFile:
     """A completed mesh as the file it came as, and what was done."""
 
     data: bytes
-    format: MeshFormat
+    format: str
     completion: Completion
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -76,24 +76,22 @@ def _upload(source: Source, stack: ExitStack) -> tuple[str, bytes | BinaryIO]:
     if isinstance(source, str | os.PathLike):
         path = Path(source)
         return path.name, stack.enter_context(path.open("rb"))
-    from app.outputs.meshes import WRITERS  # here: numba takes a second to import, and files do not need it
+    from app.outputs.ply import WRITER  # here: numba takes a second to import, and files do not need it
     from model.formats.conversion import as_mesh
 
     mesh = as_mesh(source)
-    return "mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces)
+    return "mesh.ply", WRITER.file(mesh.vertices, mesh.faces)
 
 
 def detect_call(
-    mesh: Source, mode: Mode, max_error: float, include: Collection[Include], format: Format | None = None
+    mesh: Source, mode: Mode, max_error: float, include: Collection[Include], format: str | None = None
 ) -> Call:
     """``POST /detect``."""
     query: dict[str, Any] = {"mode": mode, "max_error": max_error, "include": list(include)}
     return Call("POST", "/detect", query | ({"format": format} if format else {}), mesh)
 
 
-def complete_call(
-    mesh: Source, format: MeshFormat, plane: PlaneLike | None, symmetrize: bool, max_error: float
-) -> Call:
+def complete_call(mesh: Source, format: str, plane: PlaneLike | None, symmetrize: bool, max_error: float) -> Call:
     """``POST /complete``."""
     query: dict[str, Any] = {"format": format, "symmetrize": symmetrize, "max_error": max_error}
     if plane is not None:
@@ -114,7 +112,7 @@ def parsed(schema: type[S], text: bytes | str) -> S:
         raise UnexpectedAnswerError(f"The answer is no {schema.__name__} of this version of the client.") from error
 
 
-def completed(response: httpx.Response, format: MeshFormat) -> CompletedFile:
+def completed(response: httpx.Response, format: str) -> CompletedFile:
     """The answer of ``POST /complete``.
 
     Raises:

@@ -29,7 +29,7 @@ from app.client.calls import (
     pause,
 )
 from app.planes import PlaneLike
-from app.schemas import DetectResponse, Format, Include, MeshFormat, Mode, ModelCard
+from app.schemas import DetectResponse, Include, Mode, ModelCard
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 TIMEOUT = httpx.Timeout(90.0, connect=5.0)
@@ -80,7 +80,7 @@ class Client:
         """The symmetries of a mesh; see `app.local.detect`."""
         return parsed(DetectResponse, self._send(detect_call(mesh, mode, max_error, include)).content)
 
-    def export(self, mesh: Source, format: Format, *, mode: Mode = "full", max_error: float = 4e-4) -> bytes:
+    def export(self, mesh: Source, format: str, *, mode: Mode = "full", max_error: float = 4e-4) -> bytes:
         """The symmetries of a mesh as a file: an annotated ``glb``, a ``bop`` entry, ``shrec`` text, ``csv``."""
         return self._send(detect_call(mesh, mode, max_error, (), format)).content
 
@@ -88,7 +88,7 @@ class Client:
         self,
         mesh: Source,
         *,
-        format: MeshFormat = "ply",
+        format: str = "ply",
         plane: PlaneLike | None = None,
         symmetrize: bool = False,
         max_error: float = 4e-4,
@@ -155,7 +155,7 @@ class AsyncClient:
         """The symmetries of a mesh; see `app.local.detect`."""
         return parsed(DetectResponse, (await self._send(detect_call(mesh, mode, max_error, include))).content)
 
-    async def export(self, mesh: Source, format: Format, *, mode: Mode = "full", max_error: float = 4e-4) -> bytes:
+    async def export(self, mesh: Source, format: str, *, mode: Mode = "full", max_error: float = 4e-4) -> bytes:
         """The symmetries of a mesh as a file: an annotated ``glb``, a ``bop`` entry, ``shrec`` text, ``csv``."""
         return (await self._send(detect_call(mesh, mode, max_error, (), format))).content
 
@@ -163,7 +163,7 @@ class AsyncClient:
         self,
         mesh: Source,
         *,
-        format: MeshFormat = "ply",
+        format: str = "ply",
         plane: PlaneLike | None = None,
         symmetrize: bool = False,
         max_error: float = 4e-4,

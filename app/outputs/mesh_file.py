@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.schemas import DetectResponse
 from model.types import AnyArray, FloatArray, IntArray
 
 
@@ -26,17 +27,19 @@ class MeshWriter:
     """A format: ``head(counts, body) + body`` is a file.
 
     Attributes:
-        media_type: what HTTP calls it.
         body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32 as bytes; raises ``MeshError`` where they do not fit.
         head: what stands before it. Raises `BodyError` when the body is not such a geometry: of another size, with
             numbers that are none, with indices out of range.
-        size: bytes of the body, or more, by the numbers of vertices and faces.
+        size: bytes of the body by the numbers of vertices and faces; the most there can be where ``varies``.
+        varies: whether the size depends on the numbers themselves, as in a text.
+        annotated_head: ``head`` for a file that shows the symmetries beside the mesh; None where the format cannot.
     """
 
-    media_type: str
     body: Callable[[FloatArray, IntArray, list[list[float]]], bytes]
     head: Callable[[Counts, bytes], bytes]
     size: Callable[[int, int], int]
+    varies: bool = False
+    annotated_head: Callable[[DetectResponse, bytes], bytes] | None = None
 
     def file(self, vertices: FloatArray, faces: IntArray) -> bytes:
         """The whole file."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from app.outputs.rendering import Scene, camera
 from app.schemas import DetectResponse
+from model.formats import FORMATS
 from model.types import FloatArray, IntArray
 
 Up: TypeAlias = Literal["y", "z"]
@@ -17,12 +18,12 @@ _EXACT_PLANE, _SIMILAR_PLANE = np.array([0.10, 0.45, 0.85]), np.array([0.95, 0.5
 _EXACT_AXIS, _SIMILAR_AXIS = np.array([0.80, 0.10, 0.20]), np.array([0.85, 0.45, 0.05])
 _AZIMUTH, _ELEVATION = -55.0, 22.0
 _Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-_Y_UP_FORMATS = ("glb", "gltf", "obj")
 
 
 def usual_up(response: DetectResponse) -> Up:
     """The axis that points up by the habits of a file's format."""
-    return "y" if response.mesh.format in _Y_UP_FORMATS else "z"
+    format = FORMATS.get(response.mesh.format or "")
+    return format.up if format is not None else "y"
 
 
 def picture(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from app.completion import CompleteOptions, complete_file
 from app.detection import MeshLimits, Options, SymmetryDetector, detect_file
 from app.outputs.mesh_file import MeshWriter
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.schemas import to_json
 from app.workers.wire import Job
 from model.errors import MeshTooLargeError
@@ -24,20 +24,20 @@ def perform(
     if job.task == "complete":
         options = CompleteOptions(job.plane, job.symmetrize, job.max_error)
         answer, vertices, faces = complete_file(detector, data, job.filename, options, limits, on_parsed)
-        body = _body(WRITERS[job.geometry or "ply"], vertices, faces, answer.mesh.bounds, job.max_answer_bytes)
+        body = _body(MESH_WRITERS[job.geometry or "ply"], vertices, faces, answer.mesh.bounds, job.max_answer_bytes)
         return answer.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include)
     response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed)
     text = to_json(response, options.include)
     if job.geometry is None:
         return text, None
-    body = _body(WRITERS[job.geometry], mesh.vertices, mesh.faces, response.mesh.bounds, job.max_answer_bytes)
+    body = _body(MESH_WRITERS[job.geometry], mesh.vertices, mesh.faces, response.mesh.bounds, job.max_answer_bytes)
     return text, body
 
 
 def _body(writer: MeshWriter, vertices: FloatArray, faces: IntArray, bounds: list[list[float]], most: int) -> bytes:
-    # Small files may announce the largest size without having it, hence the second look.
-    if writer.size(len(vertices), len(faces)) > most and writer.media_type != "model/obj":
+    # Before anything is made where the size is known; a text may be far smaller than the most it can be.
+    if not writer.varies and writer.size(len(vertices), len(faces)) > most:
         raise MeshTooLargeError(_too_large(most))
     body = writer.body(vertices, faces, bounds)
     if len(body) > most:

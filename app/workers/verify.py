@@ -13,9 +13,8 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from app import schemas
-from app.outputs import glb
 from app.outputs.mesh_file import BodyError, Counts
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.workers.wire import Job
 from app.workers.zygote_client import Card
 from model import errors
@@ -58,11 +57,14 @@ def trusted(text: bytes, body: bytes | None, job: Job, card: Card) -> Answer:
     if body is None:
         return Answer(content)
     try:
+        writer = MESH_WRITERS[job.geometry or "ply"]
         if isinstance(content, schemas.DetectResponse):
-            head = glb.annotated_head(content, body)
+            _require(writer.annotated_head is not None, "a mesh nobody asked for")
+            assert writer.annotated_head is not None
+            head = writer.annotated_head(content, body)
         else:
             counts = Counts(content.mesh.vertices, content.mesh.faces, content.mesh.bounds)
-            head = WRITERS[job.geometry or "ply"].head(counts, body)
+            head = writer.head(counts, body)
     except BodyError as error:
         raise UntrustedError(f"a mesh with {error}") from error
     return Answer(content, [head, body])

@@ -12,7 +12,7 @@ import struct
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from app.schemas import Include, MeshFormat, Mode
+from app.schemas import Include, Mode
 
 _HEAD = struct.Struct("!cI")
 
@@ -50,7 +50,7 @@ class Job:
     size: int
     place: Literal["inline", "descriptor"]
     task: Literal["detect", "complete"] = "detect"
-    geometry: MeshFormat | None = None
+    geometry: str | None = None
     plane: list[float] | None = None
     symmetrize: bool = False
     max_answer_bytes: int = 0

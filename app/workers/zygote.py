@@ -27,7 +27,7 @@ from app.workers.warmup import warm_up
 from app.workers.wire import SandboxLimits
 from app.workers.worker import run_worker
 from model.errors import CheckpointError
-from model.formats import SUPPORTED_FORMATS
+from model.formats import FORMATS
 
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
@@ -58,7 +58,7 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
         "version": detector.version,
         "sha256": detector.sha256,
         "metadata": dict(detector.metadata),
-        "formats": SUPPORTED_FORMATS,
+        "formats": list(FORMATS),
         "threads": len(os.listdir("/proc/self/task")) if os.path.isdir("/proc/self/task") else 1,
     }
     control.sendall(wire.json_frame(wire.LOADED, card))

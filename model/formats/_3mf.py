@@ -13,7 +13,7 @@ from xml.parsers import expat
 import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError
-from model.formats._common import Limits, RawMesh
+from model.formats._common import Limits, RawMesh, Reader
 from model.types import FloatArray, IntArray
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/"
@@ -279,3 +279,6 @@ def _arrays(item: _Object) -> tuple[FloatArray, IntArray]:
     if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise UnreadableMeshError("The 3MF file has a triangle that refers to a vertex that does not exist.")
     return vertices, faces.astype(np.int32)
+
+
+READERS = {"3mf": Reader(read_3mf, is_zip)}

@@ -1,102 +1,59 @@
-"""Reading mesh files: one reader a format, chosen by the file's name and checked against its content."""
+"""Mesh files: one record a format, one reader a format, chosen by the file's name and checked against its content.
 
-import re
-from collections.abc import Callable
-from pathlib import PurePath
+All that is said of formats anywhere (by the service, the command line, the viewer, in error messages) comes from
+`FORMATS`. This list is light: the readers, with compiled kernels behind them, are loaded when the first file is read.
+"""
 
-from model.errors import MeshError, UnreadableMeshError, UnsupportedFormatError
-from model.formats._3mf import is_zip, read_3mf
-from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, RawMesh
-from model.formats._gltf import read_glb, read_gltf
-from model.formats._obj import read_obj
-from model.formats._off import is_off, read_off
-from model.formats._ply import read_ply
-from model.formats._stl import is_ascii_stl, is_binary_stl, read_stl
-from model.meshes.mesh import Mesh
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal
 
-_READERS: dict[str, Callable[[bytes, Limits], RawMesh]] = {
-    "stl": read_stl,
-    "obj": read_obj,
-    "ply": read_ply,
-    "off": read_off,
-    "glb": read_glb,
-    "gltf": read_gltf,
-    "3mf": read_3mf,
-}
-SUPPORTED_FORMATS: tuple[str, ...] = tuple(_READERS)
-_OBJ_LINE = re.compile(rb"^[ \t]*(v|f)[ \t]+[-+.0-9]", re.MULTILINE)
+if TYPE_CHECKING:
+    from model.formats.reading import read_mesh
+
+__all__ = ["FORMATS", "MeshFormat", "format_list", "read_mesh"]
 
 
-def read_mesh(
-    data: bytes,
-    filename: str,
-    *,
-    max_vertices: int | None = None,
-    max_faces: int | None = None,
-    max_nodes: int = MOST_NODES,
-    max_unpacked_bytes: int = MOST_UNPACKED_BYTES,
-) -> Mesh:
-    """The mesh a file holds, in the file's own coordinates.
+@dataclass(frozen=True, slots=True)
+class MeshFormat:
+    """A mesh file format.
 
-    Scene transforms are applied and all bodies joined into one mesh. Vertices at the same place are not merged, and
-    polygons become triangles as fans around their first corner. Files that the data refer to are never opened.
-
-    Args:
-        data: the whole file.
-        filename: its name; only the extension counts.
-        max_vertices: the largest number of vertices accepted, or None for any.
-        max_faces: the same for triangles.
-        max_nodes: the largest number of nodes, objects and placements of a scene.
-        max_unpacked_bytes: the most bytes that the parts of a 3MF archive unpack to.
-
-    Raises:
-        UnsupportedFormatError: there is no reader for the extension, or the content is another format than it says.
-        UnreadableMeshError: the content is damaged, incomplete, or refers to other files for its geometry.
-        EmptyMeshError: there are no faces.
-        DegenerateMeshError: NaN or infinite coordinates, an index out of range, no extent or no area.
-        MeshTooLargeError: there is more of something than allowed.
-        MemoryError: the process has less memory than the file asks for.
+    Attributes:
+        extension: of file names, lower case, without the dot; also the mesh's ``source_format``.
+        label: what its users call it.
+        module: the module of this package whose ``READERS`` has its reader.
+        up: the coordinate axis that by convention points upwards.
+        note: a restriction, as it follows the label in a list.
     """
-    kind = PurePath(filename).suffix[1:].lower()
-    if kind not in _READERS:
-        known = ", ".join(name.upper() for name in SUPPORTED_FORMATS)
-        raise UnsupportedFormatError(f"The file name does not end in a supported format: {known}.")
-    if not data:
-        raise UnreadableMeshError("The file is empty.")
-    content = _recognise(data, kind)
-    if content is not None and content != kind:
-        raise UnsupportedFormatError(
-            f"The file is named .{kind} but contains {content.upper()}; rename it to .{content}."
-        )
-    limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes)
-    try:
-        raw = _READERS[kind](data, limits)
-        limits.check(len(raw.vertices), len(raw.faces))
-        return Mesh.checked(raw.vertices, raw.faces, source_format=kind, units=raw.units)
-    except (MeshError, MemoryError, ImportError):  # the last two are the process's fault
-        raise
-    except Exception as error:  # whatever a damaged file provokes is the file's fault, not the caller's
-        raise UnreadableMeshError(f"The file cannot be read as {kind.upper()}.") from error
+
+    extension: str
+    label: str
+    module: str
+    up: Literal["y", "z"]
+    note: str = ""
 
 
-def _recognise(data: bytes, kind: str) -> str | None:
-    """The format that the content shows, or None if it shows none for certain; `kind` wins where several would fit."""
-    head = data[:1024]
-    if kind == "stl" and is_binary_stl(data) and not is_zip(data) and not head.startswith((b"ply", b"glTF")):
-        return "stl"  # its header is free text, which may look like anything
-    if re.match(rb"ply[ \t]*[\r\n]", head):
-        return "ply"
-    if head.startswith(b"glTF"):
-        return "glb"
-    if is_zip(data):
-        return "3mf"
-    if is_off(data):
-        return "off"
-    text = head.lstrip(b"\xef\xbb\xbf \t\r\n")
-    if text.startswith(b"{") and b"\0" not in head:
-        return "gltf"
-    if is_ascii_stl(data) and not (kind == "obj" and _OBJ_LINE.search(data[: 1 << 16])):
-        return "stl"
-    if kind != "obj" and b"\0" not in head and _OBJ_LINE.search(data[: 1 << 16]):
-        return "obj"
-    return None
+FORMATS: dict[str, MeshFormat] = {
+    format.extension: format
+    for format in (
+        MeshFormat("stl", "STL", "_stl", up="z"),
+        MeshFormat("obj", "OBJ", "_obj", up="y"),
+        MeshFormat("ply", "PLY", "_ply", up="y"),
+        MeshFormat("off", "OFF", "_off", up="y"),
+        MeshFormat("glb", "GLB", "_gltf", up="y"),
+        MeshFormat("gltf", "glTF", "_gltf", up="y", note="with embedded buffers"),
+        MeshFormat("3mf", "3MF", "_3mf", up="z"),
+    )
+}
+"""The formats by extension, in the order they are listed and, where a file is misnamed, tried."""
+
+
+def format_list() -> str:
+    """The formats as a sentence lists them."""
+    return ", ".join(f"{format.label} {format.note}".strip() for format in FORMATS.values())
+
+
+def __getattr__(name: str) -> Any:
+    if name == "read_mesh":
+        return import_module("model.formats.reading").read_mesh
+    raise AttributeError(f"module 'model.formats' has no attribute {name!r}")

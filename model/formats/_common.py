@@ -1,5 +1,6 @@
 """What all readers share: their result, the size limits, polygons to triangles."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,20 @@ class Limits:
             raise MeshTooLargeError(f"The mesh has more than {self.max_vertices} vertices.")
         if self.max_faces is not None and faces > self.max_faces:
             raise MeshTooLargeError(f"The mesh has more than {self.max_faces} faces.")
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """The reader of one format.
+
+    Attributes:
+        read: the content of a file as a mesh. Raises nothing but ``model.errors``, and checks counts against the
+            length of the content before it allocates.
+        recognize: whether content is certainly of this format, whatever its file is named.
+    """
+
+    read: Callable[[bytes, Limits], RawMesh]
+    recognize: Callable[[bytes], bool]
 
 
 def no_faces() -> IntArray:

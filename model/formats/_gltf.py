@@ -11,7 +11,7 @@ import numpy as np
 
 from model.errors import UnreadableMeshError, UnsupportedFormatError
 from model.formats._accessors import read_accessor
-from model.formats._common import Limits, RawMesh, as_indices, no_faces, strip
+from model.formats._common import Limits, RawMesh, Reader, as_indices, no_faces, strip
 from model.types import AnyArray, FloatArray, IntArray
 
 _MAGIC = b"glTF"
@@ -39,6 +39,17 @@ class _Instance:
 
     mesh: int
     matrix: FloatArray  # (4, 4), column vectors
+
+
+def is_glb(data: bytes) -> bool:
+    """Whether it begins with the signature of binary glTF."""
+    return data.startswith(b"glTF")
+
+
+def is_gltf(data: bytes) -> bool:
+    """Whether it begins like a JSON object."""
+    head = data[:1024]
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") and b"\0" not in head
 
 
 def read_glb(data: bytes, limits: Limits) -> RawMesh:
@@ -261,3 +272,6 @@ def _local_matrix(node: Any) -> FloatArray:
     if "translation" in node:
         matrix[:3, 3] = np.array(node["translation"], dtype=np.float64).reshape(3)
     return matrix
+
+
+READERS = {"glb": Reader(read_glb, is_glb), "gltf": Reader(read_gltf, is_gltf)}

@@ -1,9 +1,11 @@
 """PLY: ASCII and binary of both byte orders, any element and property layout."""
 
+import re
+
 import numpy as np
 
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh, fan, no_faces, strip, to_float64
+from model.formats._common import Limits, RawMesh, Reader, fan, no_faces, strip, to_float64
 from model.formats._ply_tables import BinaryTable, Element, Lists, Property, TextTable
 from model.types import AnyArray, IntArray
 
@@ -15,6 +17,11 @@ _TYPES = {
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
 _LONGEST_HEADER = 1 << 20
 _MOST_PROPERTIES = 1000
+
+
+def is_ply(data: bytes) -> bool:
+    """Whether the first line is the format's name."""
+    return re.match(rb"ply[ \t]*[\r\n]", data) is not None
 
 
 def read_ply(data: bytes, limits: Limits) -> RawMesh:
@@ -85,3 +92,6 @@ def _strips(lists: Lists) -> list[IntArray]:
         ends = np.flatnonzero(row == -1)
         result += [strip(part[part >= 0]) for part in np.split(row, ends)]
     return result
+
+
+READERS = {"ply": Reader(read_ply, is_ply)}

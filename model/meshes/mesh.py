@@ -27,7 +27,7 @@ class Mesh:
     Attributes:
         vertices: (v, 3) float64, C-contiguous.
         faces: (f, 3) int32, C-contiguous.
-        source_format: one of ``model.formats.SUPPORTED_FORMATS``, or None if it came from memory.
+        source_format: one of ``model.formats.FORMATS``, or None if it came from memory.
         units: length unit named by the file, if it names one.
     """
 

@@ -8,11 +8,11 @@ import csv
 from collections.abc import Iterator
 from pathlib import Path
 
-from model.formats import SUPPORTED_FORMATS
+from model.formats import FORMATS
 from training.layouts._files import SourceFile
 
 _FOLDERS = ("raw_meshes", "npz")
-_SUFFIXES = {"raw_meshes": {f".{name}" for name in SUPPORTED_FORMATS}, "npz": {".npz"}}
+_SUFFIXES = {"raw_meshes": {f".{name}" for name in FORMATS}, "npz": {".npz"}}
 
 
 def recognises(root: Path) -> bool:

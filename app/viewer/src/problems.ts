@@ -17,8 +17,6 @@ export interface ProblemWords {
   again: boolean;
 }
 
-const FORMATS = "STL, OBJ, PLY, OFF, GLB, glTF with embedded buffers, and 3MF";
-
 const WORDS: Record<string, ProblemWords> = {
   "malformed-request": words("The request was not understood", "Reload this page and try again.", true),
   "invalid-parameter": words("A setting is not allowed", "Choose another value."),
@@ -35,10 +33,7 @@ const WORDS: Record<string, ProblemWords> = {
     "Reduce the mesh, or write it in a binary format (GLB, PLY, STL).",
   ),
   "mesh-too-large": words("The mesh is too large", "Reduce its number of faces, for instance by decimation."),
-  "unsupported-format": words(
-    "This format is not read",
-    `Formats: ${FORMATS}. The name's ending must fit the content.`,
-  ),
+  "unsupported-format": words("This format is not read", "The name's ending must fit the content."),
   "unreadable-mesh": words(
     "The file cannot be read",
     "It may be damaged or incomplete. Write it again, with its geometry inside.",

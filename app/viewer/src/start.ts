@@ -2,14 +2,14 @@
 
 import { byId, h } from "./dom";
 import { EXAMPLES, fetchExample } from "./examples";
+import { formats } from "./formats";
 import { icon } from "./icons";
 import { isBusy, type Store } from "./store";
 
-const FORMATS = ["stl", "obj", "ply", "off", "glb", "gltf", "3mf"];
-
 export function attachStart(store: Store, open: (file: File) => void): void {
   const picker = byId<HTMLInputElement>("file");
-  picker.accept = FORMATS.map((name) => `.${name}`).join(",");
+  const { read } = formats();
+  picker.accept = read.map(({ extension }) => `.${extension}`).join(",");
   picker.addEventListener("change", () => {
     const file = picker.files?.[0];
     if (file) open(file);
@@ -23,7 +23,7 @@ export function attachStart(store: Store, open: (file: File) => void): void {
     h(
       "span",
       { class: "muted small" },
-      "STL, OBJ, PLY, OFF, GLB, glTF, 3MF. It goes to this service and nowhere else.",
+      `${read.map(({ label }) => label).join(", ")}. It goes to this service and nowhere else.`,
     ),
   );
   const start = byId("start");
