@@ -23,7 +23,7 @@ from training.recipe import OptimizerRecipe, Recipe
 from training.trainer.distributed import World, join
 from training.trainer.monitor import CollapseMonitor, memory_in_use
 from training.trainer.objective import Batch, batch_losses, validate
-from training.trainer.precision import Precision, keep_heads_exact
+from training.trainer.precision import Precision, keep_small_layers_exact
 from training.trainer.records import RunLog, Writer, append, save, trim
 from training.trainer.revision import git_revision
 from training.trainer.supervision import PlaneLabels
@@ -161,7 +161,7 @@ class _Trainer:
             if world.main:
                 trim(run / "curve.csv", self.step)
         if precision != "float32":
-            keep_heads_exact(self.network)
+            keep_small_layers_exact(self.network)
         self.wrapped = world.wrapped(self.network)
         verb = f"resumed at step {self.step}" if self.step else "began"
         self._say(
