@@ -25,6 +25,8 @@ from model.meshes.mesh import Mesh
 from model.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
+    import trimesh
+
     from app.detection import SymmetryDetector
 
 
@@ -35,6 +37,10 @@ class CompletedGeometry:
     vertices: FloatArray
     faces: IntArray
     completion: Completion
+
+    def to_trimesh(self) -> "trimesh.Trimesh":
+        """A ``trimesh.Trimesh`` with the same vertices and faces, none merged, removed or reordered."""
+        return Mesh(self.vertices, self.faces).to_trimesh()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.

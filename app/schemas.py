@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from model.summary import SymmetrySummary
+
 Mode: TypeAlias = Literal["full", "paper"]
 Include: TypeAlias = Literal["rejected", "bop"]
 Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -150,7 +152,7 @@ class BopEntry(Schema):
     symmetries_continuous: list[BopContinuous] | None = Field(default=None, description="Left out if there are none.")
 
 
-class DetectResponse(Schema):
+class DetectResponse(SymmetrySummary, Schema):
     """Every symmetry found, sorted by error. An asymmetric mesh has empty lists and the point group C1."""
 
     planes: list[Plane]

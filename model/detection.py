@@ -7,6 +7,7 @@ import numpy as np
 
 from model.geometry.transforms import reflection_homogeneous, rotation_homogeneous
 from model.meshes.mesh import Mesh
+from model.summary import SymmetrySummary
 from model.symmetries import Reason
 from model.types import FloatArray
 
@@ -68,8 +69,8 @@ class Rejected:
     point: FloatArray | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Detection:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Detection(SymmetrySummary):
     """Everything found on one mesh. Lists are sorted by error; ``unit = (input - center) / scale``."""
 
     planes: list[Plane]

@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING
 
 from app.client.errors import ClientError, UnreachableError
 from app.schemas import DetectResponse, Include, Mode
+from app.threads import ONE_THREAD
 from model.formats import FORMATS
 
 if TYPE_CHECKING:
     from app.client.client import Client
     from app.outputs.png import Up
-
-_ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +173,8 @@ def _alone(path: Path, task: Task) -> Outcome:
 @contextmanager
 def _processes(count: int) -> Generator[Executor, None, None]:
     """Processes with one thread for arithmetic each: they are as many as there are cores."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_start) as pool:
             yield pool

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app import __version__
 from app.cli.batch import Outcome, Task
 from app.schemas import Include, Mode
 
@@ -20,10 +21,24 @@ if TYPE_CHECKING:
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Find the mirror planes and rotation axes of 3D meshes.",
     epilog="Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all files failed, "
     "4 the service of --url is not there.",
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"prsnet {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Find the mirror planes and rotation axes of 3D meshes."""
 
 
 class Exit(IntEnum):

@@ -29,14 +29,6 @@ from app.workers.worker import run_worker
 from model.errors import CheckpointError
 from model.formats import FORMATS
 
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
-"""Environment in which torch and numpy start no threads of their own."""
-
 
 def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: SandboxLimits) -> None:
     """Load, say so, then fork a worker for every socket that arrives; returns when the server has gone."""

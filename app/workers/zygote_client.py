@@ -14,11 +14,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from app.threads import ONE_THREAD
 from app.workers import wire
 from app.workers.wire import SandboxLimits
 
-# Set before torch and numpy are imported: a process with threads of theirs cannot be forked.
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 _LARGEST_CARD = 16 << 20
 _WORKER_START_S = 60.0
 
@@ -56,7 +55,7 @@ def launcher(weights: str) -> Launch:
                 [*command, str(theirs.fileno()), json.dumps(asdict(limits)), weights],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
-                env=os.environ | _ONE_THREAD | {"PYTHONPATH": path},
+                env=os.environ | ONE_THREAD | {"PYTHONPATH": path},
                 start_new_session=True,  # a Ctrl-C is the server's to handle
             )
 

@@ -1,6 +1,7 @@
 """The triangle mesh that every part of the package works on."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +10,9 @@ from model._jit import jit, jit_allocating, kernel_array
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
 from model.meshes._topology import is_watertight
 from model.types import AnyArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import trimesh
 
 # Below this share of the squared bounding-box diagonal, area is rounding noise of points on a line.
 _SMALLEST_AREA = 1e-14
@@ -85,6 +89,18 @@ class Mesh:
     def watertight(self) -> bool:
         """Whether every edge belongs to exactly two faces once vertices at identical positions are merged."""
         return is_watertight(self.vertices, self.faces)
+
+    def to_trimesh(self) -> "trimesh.Trimesh":
+        """A ``trimesh.Trimesh`` with copies of the same vertices and faces, none merged, removed or reordered.
+
+        The matrices of results fit its ``apply_transform``; ``model.formats.conversion.as_mesh`` is the way back.
+        """
+        import trimesh  # here: it takes a third of a second, and only those who hold its objects need it
+
+        mesh = trimesh.Trimesh(self.vertices.copy(), self.faces.copy(), process=False)
+        if self.units is not None:
+            mesh.units = self.units
+        return mesh
 
 
 def _as_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, AnyArray]:
