@@ -9,11 +9,11 @@ from app.outputs.output_format import OutputFormat
 
 OUTPUTS: tuple[OutputFormat, ...] = (
     symmetries_json.FORMAT,
+    ply.FORMAT,
     glb.FORMAT,
     bop.FORMAT,
     csv_rows.FORMAT,
     shrec.FORMAT,
-    ply.FORMAT,
     obj.FORMAT,
     stl.FORMAT,
 )
