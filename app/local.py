@@ -1,4 +1,4 @@
-"""The service without a service: the same answers, in this process.
+"""The library: the same answers as the service gives, computed in this process.
 
 >>> from app import detect
 >>> detect("chair.obj").planes[0].matrix

@@ -1,4 +1,4 @@
-"""Where as many processes work as there are cores, each computes in one thread."""
+"""One thread of arithmetic a process: there are as many processes as cores."""
 
 ONE_THREAD: dict[str, str] = dict.fromkeys(
     ["OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"], "1"

@@ -193,5 +193,5 @@ def _start() -> None:
 
 
 def named(response: DetectResponse, path: Path) -> DetectResponse:
-    """The answer with a path for its file's name: where several are told of, the last part is not enough."""
+    """The answer with a path for its file's name: with several files the last part alone may be ambiguous."""
     return response.model_copy(update={"mesh": response.mesh.model_copy(update={"filename": str(path)})})

@@ -81,7 +81,7 @@ def serve(
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        # Environment variables may be at fault as well as options, so both names are told.
+        # Environment variables may be at fault as well as options, so both names are given.
         faults = [f"{item['loc'][0]} (PRSNET_{str(item['loc'][0]).upper()}): {item['msg']}" for item in error.errors()]
         raise typer.BadParameter("; ".join(faults)) from error
     try:
@@ -107,7 +107,7 @@ def detect(
     up: Annotated[str | None, typer.Option(help="Which axis points up in pictures: y or z.")] = None,
     mode: Annotated[Mode, typer.Option(help="full: refined; paper: the network's own output.")] = "full",
     max_error: MaxError = 4e-4,
-    rejected: Annotated[bool, typer.Option("--rejected", help="In JSON, also what was turned down and why.")] = False,
+    rejected: Annotated[bool, typer.Option("--rejected", help="In JSON, also rejected candidates and why.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=0, help="Files at a time (0: one a core).")] = 0,
     weights: Weights = "default",
     url: Url = None,

@@ -38,7 +38,7 @@ def detected(runtime: Runtime, answer: Answer, query: queries.DetectQuery, choic
     output = choice.output
     if output.write is not None:
         content = output.write(response, Options(query.max_error, query.include))
-        # Not put together by Starlette, which would add a charset to any text; ours say what they are.
+        # Not made by Starlette, which would add a charset to any text; ours say what they are.
         return Response(content, headers={**_VARY, "Content-Type": _named(choice)})
     ending = f"-symmetries.{output.name}"
     headers = {**_VARY, "Content-Disposition": disposition(response.mesh.filename, ending)}

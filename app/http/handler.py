@@ -44,7 +44,7 @@ async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
 
 async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
     settings = runtime.settings
-    _ = runtime.card  # not-ready is told before anything is read, and so is a full queue
+    _ = runtime.card  # refused with not-ready before anything is read, and a full queue likewise
     runtime.pool.require_room()
     if runtime.uploading >= settings.uploads:
         raise ProblemError(OVERLOADED, "Too many uploads at a time. Try again in a second.", {"Retry-After": "1"})
@@ -71,7 +71,7 @@ async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) ->
             max_answer_bytes=settings.max_answer_bytes,
             cpu_s=settings.deadline_s,
             size=upload.size,
-            place="inline" if upload.file is None else "descriptor",
+            transport="inline" if upload.file is None else "descriptor",
             **wanted,
         )
         result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin))

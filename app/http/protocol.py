@@ -1,4 +1,4 @@
-"""uvicorn's HTTP protocol with bounds it lacks: on connections, on a header's size, and on how slowly one may come."""
+"""uvicorn's HTTP protocol with limits it lacks: number of connections, size of a header, time a header may take."""
 
 import asyncio
 import json

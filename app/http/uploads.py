@@ -1,7 +1,7 @@
 """Reads one mesh file out of a multipart/form-data request while it streams in.
 
 Bytes are counted as they arrive. A small file stays in memory, a larger one goes to disk
-(``app.http.spool``); a client that sends too slowly is told so.
+(``app.http.spool``); a client that sends too slowly gets 408.
 """
 
 import asyncio
@@ -87,12 +87,12 @@ class _Form:
                 f'The form has a field other than "{FIELD}"; options such as mode belong in the query string.'
             )
         if b"filename" not in options:
-            raise _malformed(f'The field "{FIELD}" has no file name, and the format is told from its extension.')
+            raise _malformed(f'The field "{FIELD}" has no file name, and the format follows from its extension.')
         if self.filename is not None:
             raise _malformed("The form has several files.")
         self.filename = base_name(options[b"filename"].decode("utf-8", "replace"))
         if not self.filename:
-            raise _malformed(f'The field "{FIELD}" has an empty file name, and the format is told from its extension.')
+            raise _malformed(f'The field "{FIELD}" has an empty file name, and the format follows from its extension.')
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
         self._spool.write(memoryview(data)[start:end])

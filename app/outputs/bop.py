@@ -11,7 +11,7 @@ from app.schemas import BopEntry, DetectResponse
 def entry(response: DetectResponse) -> BopEntry:
     """The entry, lengths in input units (BOP's are millimetres), for a response that has ``bop``.
 
-    BOP's ``diameter`` is not among them: its own toolkit measures it. Reflections have no place in BOP, which knows
+    BOP's ``diameter`` is not among them: its own toolkit measures it. Reflections do not exist in BOP, which knows
     proper rotations only. An empty list means as much as none there, and is left out.
     """
     low, high = response.mesh.bounds

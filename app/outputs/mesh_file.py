@@ -1,4 +1,4 @@
-"""What the writers of mesh files share: the two halves of a file, and why the second one can be believed."""
+"""What the writers of mesh files share: the two halves of a file, and the checks of the one that a worker made."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ def require(holds: bool, otherwise: str) -> None:
 
 def require_numbers(values: AnyArray) -> None:
     """Raise `BodyError` unless all are finite."""
-    require(bool(np.isfinite(values).all()), "a coordinate that is no number")
+    require(bool(np.isfinite(values).all()), "a coordinate that is not finite")
 
 
 def require_indices(indices: AnyArray, vertices: int) -> None:

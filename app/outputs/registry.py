@@ -1,6 +1,6 @@
 """The formats of answers: one line for each.
 
-All that is said of them (by the query, Accept, the API documentation, the command line, the viewer) comes from here.
+All lists of them (in the query, Accept, the API documentation, the command line, the viewer) comes from here.
 """
 
 from app.outputs import bop, csv_rows, glb, obj, ply, shrec, stl, symmetries_json

@@ -1,8 +1,8 @@
-"""Why the server believes an answer: a worker may have been taken over by the file it parsed.
+"""Verification of a worker's answer: the worker may have been compromised by the file it parsed.
 
 The answer is parsed against the schema (all numbers finite, lists of the right length), compared with what was asked,
 bounded, and written anew: not a byte of the worker's own JSON reaches a client. Of a mesh the worker makes the numbers
-alone; all structure around them is written here, and the numbers are looked through (see ``app.outputs``).
+alone; all structure around them is written here, and the numbers are checked (see ``app.outputs``).
 """
 
 import re
@@ -71,7 +71,7 @@ def trusted(text: bytes, body: bytes | None, job: Job, card: Card) -> Answer:
 
 
 def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMesh:
-    """What is said about a completed mesh, checked.
+    """The description of a completed mesh, checked.
 
     Raises:
         UntrustedError: it breaks the schema, or is not about this job.

@@ -1,4 +1,4 @@
-"""What makes the first request as fast as the next: the kernels of detector and readers are ready."""
+"""Warming up: compiles or loads all kernels and modules, so that the first request is as fast as the next."""
 
 import contextlib
 import encodings
@@ -50,7 +50,7 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     half = f"OFF\n8 {len(_MIXED) - 2} 0\n{_lines(_CORNERS)}\n{_lines((len(f), *f) for f in _MIXED[:-2])}\n".encode()
     common: dict[str, Any] = {
         "max_error": 1.0, "include": include, "max_vertices": 100, "max_faces": 100, "max_nodes": 100,
-        "max_unpacked_bytes": 1 << 20, "cpu_s": 60.0, "place": "inline", "max_answer_bytes": 1 << 20,
+        "max_unpacked_bytes": 1 << 20, "cpu_s": 60.0, "transport": "inline", "max_answer_bytes": 1 << 20,
     }  # fmt: skip
     annotated = [name for name, output in DETECT_OUTPUTS.items() if output.mesh is not None]
     jobs = [

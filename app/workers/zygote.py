@@ -1,7 +1,7 @@
-"""The process that workers are forked from: it loads weights and kernels once, and never sees a file of a stranger.
+"""The process that workers are forked from: it loads weights and kernels once, and never sees an uploaded file.
 
 A fork takes milliseconds and shares what is loaded, where a new process takes seconds and memory of its own. It is
-safe because this process has one thread: ``zygote_client`` tells libraries so before they are imported.
+safe because this process has one thread: ``zygote_client`` sets the environment in which libraries start none.
 
     python -m app.workers.zygote SOCKET LIMITS WEIGHTS
 

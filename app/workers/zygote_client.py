@@ -1,4 +1,4 @@
-"""The server's end of the zygote: starts it, asks it for workers, hears from it how they ended."""
+"""The server's client of the zygote: starts it, requests workers, receives how they ended."""
 
 import asyncio
 import contextlib

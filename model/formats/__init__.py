@@ -1,7 +1,7 @@
 """Mesh files: one record a format, one reader a format, chosen by the file's name and checked against its content.
 
-All that is said of formats anywhere (by the service, the command line, the viewer, in error messages) comes from
-`FORMATS`. This list is light: the readers, with compiled kernels behind them, are loaded when the first file is read.
+All lists of formats (in the service, the command line, the viewer, in error messages) come from `FORMATS`. It is light:
+the readers, with compiled kernels behind them, are loaded when the first file is read.
 """
 
 from dataclasses import dataclass

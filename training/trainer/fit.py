@@ -30,7 +30,7 @@ from training.trainer.supervision import PlaneLabels
 
 VALIDATION_SHAPES = 512
 EARLY_STEPS = 20
-"""Speed and memory are said after so many steps, so that a hopeless run need not be waited for."""
+"""Speed and memory are logged after so many steps: whoever sees that a run takes too long can end it early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,8 +257,8 @@ class _Trainer:
             "learning_rate": rate,
             "gradient_norm": norm,
             # Collapse monitors: how much the normals vary over the batch, and the mean sine of half the angle.
-            "turn": float(planes[..., :3].std(0).mean()),
-            "half_turn": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
+            "normal_std": float(planes[..., :3].std(0).mean()),
+            "rotation_sine": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
             "samples_per_second": speed,
         }
         return row if self.labels is None else {**row, "supervision": float(means[4])}

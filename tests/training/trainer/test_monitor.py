@@ -27,14 +27,14 @@ TINY = Recipe.from_dict({
 
 
 def row(step: int, **values: float) -> dict[str, float]:
-    return {"step": step, "loss": 1.0, "gradient_norm": 1.0, "turn": 0.1, "half_turn": 0.9, **values}
+    return {"step": step, "loss": 1.0, "gradient_norm": 1.0, "normal_std": 0.1, "rotation_sine": 0.9, **values}
 
 
 def lasting(monitor: CollapseMonitor, until: int, **values: float) -> list[str]:
     return [said for step in range(100, until + 1, 100) if (said := monitor.check(row(step, **values)))]
 
 
-@pytest.mark.parametrize("key", ["turn", "half_turn"])
+@pytest.mark.parametrize("key", ["normal_std", "rotation_sine"])
 def test_a_long_standstill_warns_once_and_then_ends_the_run(key: str):
     monitor = CollapseMonitor(10_000, rotations=True)
     assert monitor.patience == 1500
@@ -48,14 +48,14 @@ def test_a_long_standstill_warns_once_and_then_ends_the_run(key: str):
 def test_a_late_start_is_no_collapse():
     """The curve of the shipped paper recipe: it stood at its initial planes for 500 of 12,000 steps."""
     monitor = CollapseMonitor(12_000, rotations=True)
-    assert not lasting(monitor, 500, turn=1e-6)
-    assert monitor.check(row(600, turn=0.15)) is None
+    assert not lasting(monitor, 500, normal_std=1e-6)
+    assert monitor.check(row(600, normal_std=0.15)) is None
     # And the count begins anew.
-    assert not [said for step in range(700, 1300, 100) if (said := monitor.check(row(step, turn=1e-6)))]
+    assert not [said for step in range(700, 1300, 100) if (said := monitor.check(row(step, normal_std=1e-6)))]
 
 
 def test_without_rotations_nothing_is_asked_of_them():
-    assert not lasting(CollapseMonitor(1000, rotations=False), 5000, half_turn=0.0)
+    assert not lasting(CollapseMonitor(1000, rotations=False), 5000, half_normal_std=0.0)
 
 
 @pytest.mark.parametrize("key", ["loss", "gradient_norm"])
