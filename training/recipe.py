@@ -35,9 +35,10 @@ class DamageRecipe:
 
     ``share`` of the shapes lose the triangles in a ball, its ``radius`` (from, to) a share of the unit frame's edge.
     ``cuts`` of the shapes lose what lies beyond a random plane: a missing bottom, a scan from one side. Neither takes
-    more than half of the surface. ``noise`` of the shapes get Gaussian noise on every vertex, its standard deviation (unit
-    frame) drawn up to ``noise_size``. ``clusters`` of them are decimated: vertices in one cell of a random grid, its edge
-    drawn up to ``cluster_size``, become one. Of ``doubled`` of them the part beyond a random plane is there twice.
+    more than half of the surface. ``noise`` of the shapes get uniform noise on every vertex, its standard deviation
+    (unit frame) drawn up to ``noise_size``. ``clusters`` of them are decimated: vertices in one cell of a random grid,
+    its edge drawn up to ``cluster_size``, become one. Of ``doubled`` of them the part beyond a random plane is there
+    twice.
     ``spikes`` of them get a needle of a length drawn up to ``spike_length`` on a random triangle.
     """
 

@@ -1,5 +1,7 @@
 """`training label`: the planes of a classical method, written beside a prepared set for `fit` to learn from.
 
+Files beside those of the set:
+
 PREPARED/
   labels.json            method, counts and a sha256 over all labels
   shard-00000/
