@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from app import schemas
-from app.schemas import Include, Mode
+from app.schemas import Include, LevelName, Mode
 from model.formats.reading import MOST_NODES, MOST_UNPACKED_BYTES, read_mesh
 
 if TYPE_CHECKING:
-    from model.detection import Axis, Detection, Plane, Rejected
+    from model.detection import Axis, Detection, Level, Plane, Rejected
     from model.meshes.mesh import Mesh
     from model.types import FloatArray
 
@@ -42,7 +42,15 @@ class SymmetryDetector(Protocol):
         """Do now what would make the first detection slow."""
         ...
 
-    def detect(self, mesh: "Mesh", *, mode: Mode = ..., max_error: float = ...) -> "Detection":
+    def detect(
+        self,
+        mesh: "Mesh",
+        *,
+        mode: Mode = ...,
+        max_error: float = ...,
+        level: LevelName = ...,
+        tolerance: float | None = ...,
+    ) -> "Detection":
         """Find the symmetries of ``mesh``."""
         ...
 
@@ -65,6 +73,8 @@ class Options:
     mode: Mode = "full"
     max_error: float = 4e-4
     include: Collection[Include] = ()
+    level: LevelName = "auto"
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +120,9 @@ def detect_file(
     mesh = read_within(limits, data, filename)
     parsed = time.perf_counter()
     on_parsed()
-    detection = detector.detect(mesh, mode=options.mode, max_error=options.max_error)
+    detection = detector.detect(
+        mesh, mode=options.mode, max_error=options.max_error, level=options.level, tolerance=options.tolerance
+    )
     return to_response(detection, detector, filename, options.include, started, parsed), mesh
 
 
@@ -157,6 +169,8 @@ def to_response(
         mesh=mesh_info(mesh, filename),
         model=schemas.ModelInfo(name=detector.name, version=detector.version, sha256=detector.sha256),
         warnings=list(detection.warnings),
+        levels=[_level(level) for level in detection.levels],
+        similar=[_similar(candidate) for candidate in detection.similar],
         rejected=[_rejected(candidate) for candidate in detection.rejected] if "rejected" in include else [],
         bop=schemas.Bop.model_validate(detection.bop()) if "bop" in include else None,
         timings_ms=timings(detection.timings_ms, started, parsed),  # last: the total covers all of the above
@@ -204,6 +218,8 @@ def _plane(plane: "Plane") -> schemas.Plane:
         matrix=_rows(plane.matrix),
         symmetry_error=float(plane.symmetry_error),
         rms_distance=float(plane.rms_distance),
+        max_distance=float(plane.max_distance),
+        coverage=float(plane.coverage),
         exact=bool(plane.exact),
         continuous=bool(plane.continuous),
     )
@@ -218,15 +234,44 @@ def _axis(axis: "Axis") -> schemas.Axis:
         matrix=None if axis.matrix is None else _rows(axis.matrix),
         symmetry_error=float(axis.symmetry_error),
         rms_distance=float(axis.rms_distance),
+        max_distance=float(axis.max_distance),
+        coverage=float(axis.coverage),
         exact=bool(axis.exact),
     )
 
 
+def _level(level: "Level") -> schemas.Level:
+    return schemas.Level(
+        point_group=level.point_group,
+        planes=level.planes,
+        axes=level.axes,
+        rms_distance=level.rms_distance,
+        next_rms_distance=level.next_rms_distance,
+        missing=level.missing,
+        exact=level.exact,
+        chosen=level.chosen,
+        breaks=[
+            schemas.Patch(
+                center=_numbers(patch.center), size=patch.size, max_distance=patch.max_distance, present=patch.present
+            )
+            for patch in level.breaks
+        ],
+    )
+
+
+def _similar(candidate: "Rejected") -> schemas.SimilarPlane | schemas.SimilarAxis:
+    kind = schemas.SimilarPlane if candidate.kind == "plane" else schemas.SimilarAxis
+    return kind.model_validate(_members(candidate))
+
+
 def _rejected(candidate: "Rejected") -> schemas.RejectedPlane | schemas.RejectedAxis:
-    members = {
+    kind = schemas.RejectedPlane if candidate.kind == "plane" else schemas.RejectedAxis
+    return kind.model_validate(_members(candidate))
+
+
+def _members(candidate: "Rejected") -> dict[str, Any]:
+    return {
         name: _numbers(value) if name in {"normal", "direction", "point"} else value
         for name in ("kind", "normal", "offset", "direction", "point", "symmetry_error", "reason")
         if (value := getattr(candidate, name)) is not None
     }
-    kind = schemas.RejectedPlane if candidate.kind == "plane" else schemas.RejectedAxis
-    return kind.model_validate(members)

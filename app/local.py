@@ -18,7 +18,7 @@ from app.detection import to_response
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.registry import MESH_WRITERS
 from app.planes import PlaneLike, plane_numbers
-from app.schemas import Completion, DetectResponse, Include, Mode
+from app.schemas import Completion, DetectResponse, Include, LevelName, Mode
 from model.completion import mirroring
 from model.formats.conversion import MeshLike, as_mesh
 from model.meshes.mesh import Mesh
@@ -57,6 +57,8 @@ def detect(
     *,
     mode: Mode = "full",
     max_error: float = 4e-4,
+    level: LevelName = "auto",
+    tolerance: float | None = None,
     include: Collection[Include] = (),
     weights: str = "default",
 ) -> DetectResponse:
@@ -66,6 +68,8 @@ def detect(
         mesh: the path of a file, a ``trimesh`` object, ``(vertices, faces)``, or a `model.Mesh`.
         mode: ``full``: all symmetries, refined; ``paper``: the network's output, validated as there.
         max_error: largest symmetry error of a result, unit frame.
+        level: of the groups that hold, which one is answered with: ``auto``, ``exact``.
+        tolerance: instead of a level, the largest group within this RMS deviation, input units.
         include: ``rejected`` candidates, the result as ``bop`` JSON.
         weights: ``default``, ``paper``, or the path of a .safetensors file; loaded once.
 
@@ -78,7 +82,7 @@ def detect(
     started = time.perf_counter()
     triangles = as_mesh(mesh)
     parsed = time.perf_counter()
-    detection = detector.detect(triangles, mode=mode, max_error=max_error)
+    detection = detector.detect(triangles, mode=mode, max_error=max_error, level=level, tolerance=tolerance)
     return to_response(detection, detector, _name(mesh), include, started, parsed)
 
 

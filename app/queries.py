@@ -7,7 +7,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from app.outputs.registry import DETECT_OUTPUTS, MESH_WRITERS
-from app.schemas import Include, Mode, Schema
+from app.schemas import Include, LevelName, Mode, Schema
 
 if TYPE_CHECKING:  # a type checker cannot read the names out of the records
     _DetectFormat: TypeAlias = str
@@ -29,6 +29,17 @@ class DetectQuery(Schema):
         gt=0,
         le=1,
         description="Largest symmetry error of a result, unit frame (the paper's threshold).",
+    )
+    level: LevelName = Field(
+        default="auto",
+        description="Of the groups that hold, which one is answered with: `auto`, the one with the most room above it; "
+        "`exact`, the largest that holds everywhere up to what the file promises. Full mode only.",
+    )
+    tolerance: float | None = Field(
+        default=None,
+        gt=0,
+        le=1e60,
+        description="Instead of a level: the largest group within this RMS deviation, input units. Full mode only.",
     )
     include: list[Include] = Field(
         default=[], description="Also return rejected candidates, or the result as BOP JSON. Repeatable."

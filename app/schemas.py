@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from model.summary import SymmetrySummary
 
 Mode: TypeAlias = Literal["full", "paper"]
+LevelName: TypeAlias = Literal["auto", "exact"]
 Include: TypeAlias = Literal["rejected", "bop"]
 Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 Row: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
@@ -36,10 +37,14 @@ class Plane(Schema):
     point: Vector = Field(description="The mesh's centre projected on the plane.")
     matrix: Matrix = Field(description="The reflection, rows of a 4x4 matrix for column vectors.")
     symmetry_error: float = Field(
-        ge=0, description="Mean squared distance of the reflected surface to the surface, unit frame."
+        ge=0,
+        description="Mean squared distance of the reflected surface to the surface, unit frame; "
+        "without what is reflected beyond an open boundary.",
     )
     rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
-    exact: bool = Field(description="Symmetric up to modelling precision, not merely within `max_error`.")
+    max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
+    coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
+    exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
     continuous: bool = Field(description="Belongs to a continuous axis, every plane through which is a symmetry.")
 
 
@@ -52,10 +57,14 @@ class Axis(Schema):
     continuous: bool = Field(description="Rotation by every angle is a symmetry.")
     matrix: Matrix | None = Field(description="Rotation by 2π/order, rows of a 4x4 matrix; null if continuous.")
     symmetry_error: float = Field(
-        ge=0, description="Mean squared distance of the rotated surface to the surface, unit frame."
+        ge=0,
+        description="Mean squared distance of the rotated surface to the surface, unit frame; "
+        "without what is rotated beyond an open boundary.",
     )
     rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
-    exact: bool = Field(description="Symmetric up to modelling precision, not merely within `max_error`.")
+    max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
+    coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
+    exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
 
 
 class Frame(Schema):
@@ -99,7 +108,7 @@ class Timings(Schema):
     total: float = Field(ge=0)
 
 
-Reason: TypeAlias = Literal["not_symmetric", "duplicate", "not_continuous", "look_alike"]
+Reason: TypeAlias = Literal["not_symmetric", "duplicate", "not_continuous"]
 
 
 class RejectedPlane(Schema):
@@ -123,6 +132,50 @@ class RejectedAxis(Schema):
 
 
 Rejected: TypeAlias = Annotated[RejectedPlane | RejectedAxis, Field(discriminator="kind")]
+
+
+class SimilarPlane(Schema):
+    """A plane that holds within `max_error` but belongs to no group."""
+
+    kind: Literal["plane"]
+    normal: Vector
+    offset: float
+    symmetry_error: float = Field(ge=0)
+
+
+class SimilarAxis(Schema):
+    """A rotation axis that holds within `max_error` but belongs to no group."""
+
+    kind: Literal["axis"]
+    direction: Vector
+    point: Vector
+    symmetry_error: float = Field(ge=0)
+
+
+Similar: TypeAlias = Annotated[SimilarPlane | SimilarAxis, Field(discriminator="kind")]
+
+
+class Patch(Schema):
+    """A part of the surface that breaks a symmetry, input coordinates."""
+
+    center: Vector
+    size: float = Field(ge=0, description="Diagonal of its box.")
+    max_distance: float = Field(ge=0, description="Largest deviation there.")
+    present: bool = Field(description="Something is there that has no counterpart; else something is missing there.")
+
+
+class Level(Schema):
+    """A symmetry group that holds at some tolerance. Planes and axes of the answer are those of the chosen level."""
+
+    point_group: str = Field(description="Schoenflies symbol in ASCII.")
+    planes: int = Field(ge=0)
+    axes: int = Field(ge=0)
+    rms_distance: float = Field(ge=0, description="The tolerance it needs: largest RMS deviation, input units.")
+    next_rms_distance: float | None = Field(ge=0, description="What the next larger group needs; null for the last.")
+    missing: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is beyond a boundary.")
+    exact: bool | None = Field(description="It holds everywhere, up to what the file promises; null if not tested.")
+    chosen: bool
+    breaks: list[Patch] = Field(description="Where the chosen level does not hold, the largest deviation first.")
 
 
 class BopContinuous(Schema):
@@ -153,7 +206,7 @@ class BopEntry(Schema):
 
 
 class DetectResponse(SymmetrySummary, Schema):
-    """Every symmetry found, sorted by error. An asymmetric mesh has empty lists and the point group C1."""
+    """One symmetry group: its planes and axes, exact ones first. An asymmetric mesh has none and the group C1."""
 
     planes: list[Plane]
     axes: list[Axis]
@@ -163,6 +216,8 @@ class DetectResponse(SymmetrySummary, Schema):
     model: ModelInfo
     timings_ms: Timings
     warnings: list[str]
+    levels: list[Level] = Field(default=[], description="All groups that hold, the finest first. Full mode only.")
+    similar: list[Similar] = Field(default=[], description="What holds within `max_error` but belongs to no group.")
     rejected: list[Rejected] = Field(default=[], description="Only with `include=rejected`.")
     bop: Bop | None = Field(default=None, description="Only with `include=bop`.")
 

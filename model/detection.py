@@ -17,9 +17,10 @@ class Plane:
     """A reflection plane ``normal.x + offset = 0`` in the input frame.
 
     ``point`` is the mesh's centre projected onto it, ``matrix`` ``(4, 4)`` the reflection for column vectors.
-    ``symmetry_error`` is the SDE (unit frame, squared), ``rms_distance`` its root in input units. ``exact``: symmetric
-    up to modelling precision, not merely within the threshold. ``continuous``: one of a family through a
-    continuous axis.
+    ``symmetry_error`` is the SDE (unit frame, squared) over the surface whose counterpart is not missing,
+    ``rms_distance`` its root in input units, ``max_distance`` the largest deviation seen, ``coverage`` the share of the
+    surface whose counterpart is there and fits. ``exact``: symmetric everywhere, up to what the file itself promises.
+    ``continuous``: one of a family through a continuous axis.
     """
 
     normal: FloatArray
@@ -29,6 +30,8 @@ class Plane:
     rms_distance: float
     exact: bool
     continuous: bool
+    max_distance: float = 0.0
+    coverage: float = 1.0
 
     @property
     def matrix(self) -> FloatArray:
@@ -47,6 +50,8 @@ class Axis:
     symmetry_error: float
     rms_distance: float
     exact: bool
+    max_distance: float = 0.0
+    coverage: float = 1.0
 
     @property
     def matrix(self) -> FloatArray | None:
@@ -58,20 +63,57 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rejected:
-    """A candidate that was turned down, in the input frame; for the reasons see `model.symmetries.TurnedDown`."""
+    """A candidate that is not in the answer, in the input frame; for its reason see `model.symmetries.Candidate`."""
 
     kind: Literal["plane", "axis"]
     symmetry_error: float
-    reason: Reason
+    reason: Reason | None
     normal: FloatArray | None = None
     offset: float | None = None
     direction: FloatArray | None = None
     point: FloatArray | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """A part of the surface that breaks a symmetry, input frame: its ``center``, ``size`` and largest deviation.
+
+    ``present``: something is there that has no counterpart; else something is missing there.
+    """
+
+    center: FloatArray
+    size: float
+    max_distance: float
+    present: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """One symmetry group that holds.
+
+    It needs a tolerance (RMS deviation) of ``rms_distance``, the next larger one of ``next_rms_distance``, input units;
+    None above the last. ``missing``: share of the surface whose counterpart lies beyond an open boundary. ``exact`` is
+    None where it was not tested. ``breaks``: where it does not hold, of the ``chosen`` level.
+    """
+
+    point_group: str
+    planes: int
+    axes: int
+    rms_distance: float
+    next_rms_distance: float | None
+    missing: float
+    exact: bool | None
+    chosen: bool
+    breaks: list[Patch] = field(default_factory=list[Patch])
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Detection(SymmetrySummary):
-    """Everything found on one mesh. Lists are sorted by error; ``unit = (input - center) / scale``."""
+    """Everything found on one mesh; ``unit = (input - center) / scale``.
+
+    Planes and axes are those of ``point_group``. What is exact comes first, then by error, of axes the higher order
+    before. ``similar`` hold within the threshold but belong to no group.
+    """
 
     planes: list[Plane]
     axes: list[Axis]
@@ -82,6 +124,8 @@ class Detection(SymmetrySummary):
     timings_ms: dict[str, float]
     warnings: list[str] = field(default_factory=list[str])
     rejected: list[Rejected] = field(default_factory=list[Rejected])
+    levels: list[Level] = field(default_factory=list[Level])
+    similar: list[Rejected] = field(default_factory=list[Rejected])
 
     def bop(self) -> dict[str, list[Any]]:
         """The symmetries as an entry of a BOP `models_info.json`.

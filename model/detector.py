@@ -34,14 +34,14 @@ from model.network.views import look, other_views
 from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
 from model.report import to_input
+from model.search.answer import LevelChoice, answer
+from model.search.context import SearchContext
+from model.search.deviation import DeviationMeter, SurfaceSamples
+from model.search.exactness import ExactnessTest, resolution_of
 from model.search.full import Sources, find_symmetries
-from model.search.judgement import MORE_SAMPLES, SAMPLES, Judge
-from model.search.shape import Shape
+from model.search.settings import DEFAULT
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
-
-REFINE_SAMPLES = 240
-"""Surface samples that elements are refined on in full mode; they are judged on others."""
 
 DIRECTION_STRIDE = 83
 """Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
@@ -88,19 +88,25 @@ class Detector:
         *,
         mode: Literal["full", "paper"] = "full",
         max_error: float = MAX_ERROR,
+        level: Literal["auto", "exact"] = "auto",
+        tolerance: float | None = None,
         sources: Sources = ALL_SOURCES,
     ) -> Detection:
         """Find the symmetries of a mesh.
 
         Args:
             mesh: a `Mesh`, a trimesh object, ``(vertices, faces)``, or the path of a file.
-            mode: ``full`` finds every symmetry, refined on the exact distance and completed to a group; ``paper`` is
+            mode: ``full`` finds every symmetry, refined on the exact distance, as groups that hold as a whole; ``paper`` is
                 the network's output and the paper's validation (section 5).
             max_error: largest accepted symmetry error (SDE, unit frame).
-            sources: where full mode takes its starts from, for ablations.
+            level: which of the groups that hold is answered with. ``auto``: the one with the most room above it, before
+                a larger one holds; ``exact``: the largest that holds everywhere, up to what the file promises.
+            tolerance: instead of a ``level`` an RMS deviation in the mesh's own unit: the largest group within it.
+            sources: where full mode takes its candidates from, for ablations.
 
         Returns:
-            planes and axes in the mesh's own coordinates, and what was rejected.
+            planes and axes of one symmetry group in the mesh's own coordinates, all groups that hold as levels, and the
+            candidates that were left over.
 
         Raises:
             MeshError: the mesh cannot be used; the subclass and the message say why.
@@ -109,12 +115,14 @@ class Detector:
         mesh = as_mesh(mesh)
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
+        resolution = resolution_of(mesh.vertices) / frame.scale
         timings: dict[str, float] = {}
         if mode == "paper":
             found = self._paper(vertices, mesh.faces, max_error, timings)
         else:
-            found = self._full(vertices, mesh.faces, max_error, sources, timings)
-        result = to_input(found, frame, mesh, timings)
+            choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
+            found = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
+        result = to_input(found, frame, mesh, resolution, timings)
         timings["total"] = _since(started)
         return result
 
@@ -122,7 +130,7 @@ class Detector:
         proposals = self.propose(vertices, faces, timings)
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
-        samples, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
+        samples, _ = sample_surface(vertices, faces, DEFAULT.report_samples, seed=0)
         found = validate_proposals(proposals, surface, samples, max_error)
         timings["refine"] = 0.0
         timings["validate"] = _since(mark)
@@ -132,7 +140,9 @@ class Detector:
         self,
         vertices: FloatArray,
         faces: IntArray,
+        resolution: float,
         max_error: float,
+        choice: LevelChoice,
         sources: Sources,
         timings: dict[str, float],
     ) -> Symmetries:
@@ -146,16 +156,24 @@ class Detector:
         timings["infer"] = _since(mark)
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
-        samples, _ = sample_surface(vertices, faces, REFINE_SAMPLES, seed=1)
+        samples = SurfaceSamples.drawn(vertices, faces, DEFAULT.refine_samples, seed=1)
         sides = directions()[::DIRECTION_STRIDE] @ principal
         anchors = extreme_vertices(vertices, faces, np.concatenate([sides, -sides]))
-        judging, _ = sample_surface(vertices, faces, SAMPLES, seed=0)
-        judge = Judge(surface, judging, max_error, lambda: sample_surface(vertices, faces, MORE_SAMPLES, seed=2)[0])
-        shape = Shape(surface, samples, anchors, judge, DistanceGrid(occupied), turn, principal)
-        found = find_symmetries(shape, proposals, sources)
-        timings["validate"] = found.judging_ms
-        timings["refine"] = _since(mark) - found.judging_ms
-        return found
+        judging = SurfaceSamples.drawn(vertices, faces, DEFAULT.judge_samples, seed=2)
+        meter = DeviationMeter(surface, vertices, faces, near=DEFAULT.near)
+        context = SearchContext(meter, samples, anchors, judging, DistanceGrid(occupied), turn, principal, max_error)
+        found = find_symmetries(context, proposals, sources)
+        timings["refine"] = _since(mark)
+        mark = time.perf_counter()
+        result = answer(
+            context,
+            found,
+            SurfaceSamples.drawn(vertices, faces, DEFAULT.report_samples, seed=0),
+            ExactnessTest(surface, vertices, faces, resolution),
+            choice,
+        )
+        timings["validate"] = _since(mark)
+        return result
 
     def propose(self, vertices: FloatArray, faces: IntArray, timings: dict[str, float] | None = None) -> Proposals:
         """The network's raw planes and rotations for a shape in the unit frame, before any validation.

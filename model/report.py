@@ -1,71 +1,178 @@
-"""From the unit frame to the caller's: what was found, as `Detection` states it."""
+"""From the unit frame to the caller's: what was found, as `Detection` states it.
+
+Numbers that differ from 0, from 1 or from a coordinate axis by less than rounding become exactly that, and lists are
+ordered by what means something, so that the answer does not depend on the processor it was computed on.
+"""
 
 import numpy as np
 
-from model.detection import Axis, Detection, Plane, Rejected
+from model.detection import Axis, Detection, Level, Plane, Rejected
+from model.detection import Patch as InputPatch
 from model.geometry.frames import UnitFrame
 from model.geometry.transforms import canonical_sign
 from model.meshes.mesh import Mesh
-from model.search.judgement import EXACT_ERROR
-from model.symmetries import FoundAxis, FoundPlane, Symmetries, TurnedDown
+from model.symmetries import Candidate, FoundAxis, FoundPlane, Patch, Symmetries
+from model.symmetries import Level as FoundLevel
 from model.types import FloatArray
 
+_ROUNDING = 1e-9
+"""Rounding that all steps of a detection leave, unit frame: nothing smaller is told."""
 
-def to_input(found: Symmetries, frame: UnitFrame, mesh: Mesh, timings_ms: dict[str, float]) -> Detection:
-    """Planes, axes and rejections in the frame of ``mesh``, each list sorted by error."""
+_DECIMALS = 12
+_DIGITS = 6
+
+
+def to_input(
+    found: Symmetries, frame: UnitFrame, mesh: Mesh, resolution: float, timings_ms: dict[str, float]
+) -> Detection:
+    """What was found, in the frame of ``mesh``.
+
+    Args:
+        found: in the unit frame.
+        frame: the mesh's unit frame.
+        mesh: what was searched.
+        resolution: of its coordinates, unit frame.
+        timings_ms: of the steps.
+    """
+    report = _Report(frame, max(_ROUNDING, 4.0 * resolution))
+    planes = sorted((report.plane(plane) for plane in found.planes), key=_plane_order)
+    axes = sorted((report.axis(axis) for axis in found.axes), key=_axis_order)
     return Detection(
-        planes=[_plane(plane, frame) for plane in sorted(found.planes, key=lambda item: item.error)],
-        axes=[_axis(axis, frame) for axis in sorted(found.axes, key=lambda item: item.error)],
+        planes=planes,
+        axes=axes,
         point_group=found.point_group,
         center=frame.center,
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,
-        rejected=[_rejected(item, frame) for item in sorted(found.rejected, key=lambda item: item.error)],
+        levels=report.levels(found),
+        similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
+        rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],
     )
 
 
-def _signed(vector: FloatArray) -> FloatArray:
-    return vector * canonical_sign(vector) + 0.0  # no negative zeros
+def _geometric(vector: FloatArray) -> tuple[float, ...]:
+    """A fixed order of directions: along x first, then y, then z."""
+    return tuple((-np.round(vector, 6)).tolist())
 
 
-def _plane(found: FoundPlane, frame: UnitFrame) -> Plane:
-    plane = _signed(frame.plane_to_input(found.plane))
-    normal, offset = plane[:3], float(plane[3])
-    return Plane(
-        normal=normal,
-        offset=offset,
-        point=frame.center - (normal @ frame.center + offset) * normal,
-        symmetry_error=found.error,
-        rms_distance=frame.scale * found.error**0.5,
-        exact=found.error < EXACT_ERROR,
-        continuous=found.continuous,
-    )
+def _plane_order(plane: Plane) -> tuple[object, ...]:
+    return (not plane.exact, plane.symmetry_error, _geometric(plane.normal))
 
 
-def _axis(found: FoundAxis, frame: UnitFrame) -> Axis:
-    return Axis(
-        direction=_signed(found.direction),
-        point=_on_line(found.direction, found.point, frame),
-        order=found.order,
-        continuous=found.order is None,
-        symmetry_error=found.error,
-        rms_distance=frame.scale * found.error**0.5,
-        exact=found.error < EXACT_ERROR,
-    )
+def _axis_order(axis: Axis) -> tuple[object, ...]:
+    order = 0 if axis.order is None else -axis.order
+    return (not axis.continuous, order, not axis.exact, axis.symmetry_error, _geometric(axis.direction))
 
 
-def _on_line(direction: FloatArray, point: FloatArray, frame: UnitFrame) -> FloatArray:
-    """The mesh's centre (the unit frame's origin) projected on the axis, in the input frame."""
-    return frame.to_input(point - direction * (direction @ point))
+class _Report:
+    """Elements of the unit frame in the input frame; what is smaller than ``rounding`` (unit frame) counts as zero."""
+
+    def __init__(self, frame: UnitFrame, rounding: float) -> None:
+        self._frame = frame
+        self._rounding = rounding
+        self._offset_decimals = _DECIMALS - int(np.ceil(np.log10(frame.scale)))
+
+    def plane(self, found: FoundPlane) -> Plane:
+        normal, offset = self._plane(found.plane)
+        center = self._frame.center
+        return Plane(
+            normal=normal,
+            offset=offset,
+            point=self._place(center - (normal @ center + offset) * normal),
+            symmetry_error=self._error(found.error),
+            rms_distance=self._frame.scale * self._error(found.error) ** 0.5,
+            max_distance=self._length(found.max_distance),
+            coverage=round(found.coverage, 4),
+            exact=found.exact,
+            continuous=found.continuous,
+        )
+
+    def axis(self, found: FoundAxis) -> Axis:
+        direction = self._direction(found.direction)
+        return Axis(
+            direction=direction,
+            point=self._on_line(direction, found.point),
+            order=found.order,
+            continuous=found.order is None,
+            symmetry_error=self._error(found.error),
+            rms_distance=self._frame.scale * self._error(found.error) ** 0.5,
+            max_distance=self._length(found.max_distance),
+            coverage=round(found.coverage, 4),
+            exact=found.exact,
+        )
+
+    def candidate(self, item: Candidate) -> Rejected:
+        error = self._error(item.error)
+        if item.plane is not None:
+            normal, offset = self._plane(item.plane)
+            return Rejected("plane", error, item.reason, normal=normal, offset=offset)
+        direction = self._direction(np.zeros(3) if item.direction is None else item.direction)
+        point = self._on_line(direction, np.zeros(3) if item.point is None else item.point)
+        return Rejected("axis", error, item.reason, direction=direction, point=point)
+
+    def levels(self, found: Symmetries) -> list[Level]:
+        following = [*found.levels[1:], None][: len(found.levels)]
+        return [
+            self._level(level, None if other is None else self._length(other.rms), index == found.chosen)
+            for index, (level, other) in enumerate(zip(found.levels, following, strict=True))
+        ]
+
+    def _level(self, level: FoundLevel, end: float | None, chosen: bool) -> Level:
+        return Level(
+            point_group=level.point_group,
+            planes=level.planes,
+            axes=level.axes,
+            rms_distance=self._length(level.rms),
+            next_rms_distance=end,
+            missing=round(level.missing, 4),
+            exact=level.exact,
+            chosen=chosen,
+            breaks=[self._patch(patch) for patch in level.breaks],
+        )
+
+    def _patch(self, patch: Patch) -> InputPatch:
+        center = self._place(self._frame.to_input(patch.centre))
+        return InputPatch(center, self._length(patch.size), self._length(patch.deviation), patch.present)
+
+    def _plane(self, plane: FloatArray) -> tuple[FloatArray, float]:
+        normal = self._direction(plane[:3])
+        sign = 1.0 if normal @ plane[:3] > 0 else -1.0
+        distance = sign * plane[3]
+        if abs(distance) < self._rounding:
+            distance = 0.0
+        offset = self._frame.plane_to_input(np.append(normal, distance))[3]
+        if abs(offset) < self._rounding * self._frame.scale:
+            offset = 0.0
+        return normal, float(np.round(offset, self._offset_decimals)) + 0.0
+
+    def _direction(self, vector: FloatArray) -> FloatArray:
+        """A unit vector with its sign settled; along a coordinate axis, or across one, exactly if it is so nearly."""
+        vector = np.where(np.abs(vector) < self._rounding, 0.0, vector)
+        length = np.linalg.norm(vector)
+        vector = vector / length if length > 0.0 else vector
+        vector = np.round(vector, _DECIMALS)
+        return vector * canonical_sign(vector) + 0.0  # no negative zeros
+
+    def _on_line(self, direction: FloatArray, point: FloatArray) -> FloatArray:
+        """The mesh's centre (the unit frame's origin) projected on the axis, in the input frame."""
+        foot = point - direction * (direction @ point)
+        foot = np.where(np.abs(foot) < self._rounding, 0.0, foot)
+        return self._place(self._frame.to_input(foot))
+
+    def _place(self, point: FloatArray) -> FloatArray:
+        point = np.where(np.abs(point) < self._rounding * self._frame.scale, 0.0, point)
+        return np.round(point, self._offset_decimals) + 0.0
+
+    def _error(self, error: float) -> float:
+        """An SDE; below what rounding makes of an exact symmetry it is 0."""
+        return 0.0 if error < self._rounding**2 else _rounded(error)
+
+    def _length(self, length: float) -> float:
+        """A length of the unit frame in input units."""
+        return 0.0 if length < self._rounding else _rounded(self._frame.scale * length)
 
 
-def _rejected(item: TurnedDown, frame: UnitFrame) -> Rejected:
-    if item.plane is not None:
-        plane = _signed(frame.plane_to_input(item.plane))
-        return Rejected("plane", item.error, item.reason, normal=plane[:3], offset=float(plane[3]))
-    direction = np.zeros(3) if item.direction is None else item.direction
-    point = np.zeros(3) if item.point is None else item.point
-    return Rejected(
-        "axis", item.error, item.reason, direction=_signed(direction), point=_on_line(direction, point, frame)
-    )
+def _rounded(value: float) -> float:
+    """To as many digits as other samples would confirm, and more than order any list by chance."""
+    return float(f"{value:.{_DIGITS}g}")

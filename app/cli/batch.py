@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from glob import glob, has_magic
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.client.errors import ClientError, UnreachableError
-from app.schemas import DetectResponse, Include, Mode
+from app.schemas import DetectResponse, Include, LevelName, Mode
 from app.threads import ONE_THREAD
 from model.formats import FORMATS
 
@@ -32,6 +32,8 @@ class Task:
     mode: Mode = "full"
     max_error: float = 4e-4
     include: tuple[Include, ...] = ()
+    level: LevelName = "auto"
+    tolerance: float | None = None
     glb_folder: Path | None = None
     png_folder: Path | None = None
     up: "Up | None" = None
@@ -100,8 +102,14 @@ def work(path: Path, task: Task) -> Outcome:
     try:
         mesh = as_mesh(path)
         response = detect(
-            mesh, mode=task.mode, max_error=task.max_error, include=task.include, weights=task.weights
-        )  # fmt: skip
+            mesh,
+            mode=task.mode,
+            max_error=task.max_error,
+            level=task.level,
+            tolerance=task.tolerance,
+            include=task.include,
+            weights=task.weights,
+        )
         response = named(response, Path(path.name))
         if task.glb_folder is not None:
             body = glb.WRITER.body(mesh.vertices, mesh.faces, response.mesh.bounds)
@@ -133,9 +141,12 @@ def _client(task: Task) -> "Generator[Client, None, None]":
 
 def _ask(client: "Client", task: Task, path: Path) -> Outcome:
     try:
-        response = client.detect(path, mode=task.mode, max_error=task.max_error, include=task.include)
+        options: dict[str, Any] = {
+            "mode": task.mode, "max_error": task.max_error, "level": task.level, "tolerance": task.tolerance
+        }  # fmt: skip
+        response = client.detect(path, include=task.include, **options)
         if task.glb_folder is not None:
-            data = client.export(path, "glb", mode=task.mode, max_error=task.max_error)
+            data = client.export(path, "glb", **options)
             target(path, task.glb_folder, ".glb").write_bytes(data)
         if task.png_folder is not None:
             from app.outputs.png import picture

@@ -13,7 +13,7 @@ import typer
 
 from app import __version__
 from app.cli.batch import Outcome, Task
-from app.schemas import Include, Mode
+from app.schemas import Include, LevelName, Mode
 
 if TYPE_CHECKING:
     from app.detection import SymmetryDetector
@@ -107,6 +107,12 @@ def detect(
     up: Annotated[str | None, typer.Option(help="Which axis points up in pictures: y or z.")] = None,
     mode: Annotated[Mode, typer.Option(help="full: refined; paper: the network's own output.")] = "full",
     max_error: MaxError = 4e-4,
+    level: Annotated[
+        LevelName, typer.Option(help="auto: with the most room above it; exact: up to the file.")
+    ] = "auto",
+    tolerance: Annotated[
+        float | None, typer.Option(help="Instead: the largest group within this RMS deviation, in the file's unit.")
+    ] = None,
     rejected: Annotated[bool, typer.Option("--rejected", help="In JSON, also rejected candidates and why.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=0, help="Files at a time (0: one a core).")] = 0,
     weights: Weights = "default",
@@ -123,6 +129,8 @@ def detect(
     from app.settings import available_cores
 
     _require_max_error(max_error)
+    if tolerance is not None and not 0 < tolerance <= 1e60:
+        raise typer.BadParameter("must be more than 0", param_hint="--tolerance")
     shorthands = {"json": as_json, LINES: as_lines, "csv": as_csv, "bop": as_bop}
     formats = [name for name, asked in shorthands.items() if asked] + ([format] if format else [])
     if len(formats) > 1:
@@ -137,10 +145,19 @@ def detect(
         listing = Listing(*formats or [TABLE], many=len(paths) > 1, options=Options(max_error, include))
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--format") from error
-    needed = (*include, *listing.include)
     task = Task(
-        mode, max_error, needed, output if glb else None, output if png else None, up, weights, url, api_key
-    )  # fmt: skip
+        mode=mode,
+        max_error=max_error,
+        include=(*include, *listing.include),
+        level=level,
+        tolerance=tolerance,
+        glb_folder=output if glb else None,
+        png_folder=output if png else None,
+        up=up,
+        weights=weights,
+        url=url,
+        api_key=api_key,
+    )
     if url is None:
         _load(weights)  # what is wrong with the weights is wrong for all files
     outcomes: list[Outcome] = list(failed)

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.schemas import Axis, DetectResponse, Plane
+from app.schemas import Axis, DetectResponse, Level, Patch, Plane
 
 
 def print_report(response: DetectResponse, console: Console | None = None) -> None:
@@ -23,6 +23,12 @@ def print_report(response: DetectResponse, console: Console | None = None) -> No
         console.print(_axes(response.axes))
     if not response.planes and not response.axes:
         console.print("  no symmetry found")
+    for level in response.levels:
+        console.print(_level(level))
+        for patch in level.breaks:
+            console.print(
+                f"    {'broken' if patch.present else 'missing'} at {_vector(patch.center)}, {_extent(patch)}"
+            )
     for warning in response.warnings:
         console.print(f"  [yellow]warning:[/yellow] {escape(warning)}")
     console.print()
@@ -45,6 +51,16 @@ def _axes(axes: list[Axis]) -> Table:
     for axis in axes:
         table.add_row(_vector(axis.direction), str(axis.order or "any angle"), *_quality(axis), _through(axis))
     return table
+
+
+def _level(level: Level) -> str:
+    needs = f"rms distance {level.rms_distance:.2e}" if level.rms_distance else "exactly"
+    missing = f", {100 * level.missing:.0f} % missing" if level.missing >= 0.005 else ""
+    return f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{'  (this answer)' * level.chosen}"
+
+
+def _extent(patch: Patch) -> str:
+    return f"size {patch.size:.3g}, off by {patch.max_distance:.3g}"
 
 
 def _table(*first: str) -> Table:

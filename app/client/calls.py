@@ -15,7 +15,16 @@ from pydantic import ValidationError
 
 from app.client.errors import UnexpectedAnswerError, UnreachableError, for_problem
 from app.planes import PlaneLike, plane_numbers
-from app.schemas import COMPLETION, KEY_HEADER, Completion, Include, Mode, Problem, Schema
+from app.schemas import (
+    COMPLETION,
+    KEY_HEADER,
+    Completion,
+    Include,
+    LevelName,
+    Mode,
+    Problem,
+    Schema,
+)
 
 if TYPE_CHECKING:
     from model.formats.conversion import MeshLike
@@ -84,10 +93,18 @@ def _upload(source: Source, stack: ExitStack) -> tuple[str, bytes | BinaryIO]:
 
 
 def detect_call(
-    mesh: Source, mode: Mode, max_error: float, include: Collection[Include], format: str | None = None
+    mesh: Source,
+    mode: Mode,
+    max_error: float,
+    include: Collection[Include],
+    format: str | None = None,
+    level: LevelName = "auto",
+    tolerance: float | None = None,
 ) -> Call:
     """``POST /detect``."""
-    query: dict[str, Any] = {"mode": mode, "max_error": max_error, "include": list(include)}
+    query: dict[str, Any] = {"mode": mode, "max_error": max_error, "include": list(include), "level": level}
+    if tolerance is not None:
+        query["tolerance"] = tolerance
     return Call("POST", "/detect", query | ({"format": format} if format else {}), mesh)
 
 

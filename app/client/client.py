@@ -29,7 +29,7 @@ from app.client.calls import (
     pause,
 )
 from app.planes import PlaneLike
-from app.schemas import DetectResponse, Include, Mode, ModelCard
+from app.schemas import DetectResponse, Include, LevelName, Mode, ModelCard
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 TIMEOUT = httpx.Timeout(90.0, connect=5.0)
@@ -75,14 +75,32 @@ class Client:
         self._http.close()
 
     def detect(
-        self, mesh: Source, *, mode: Mode = "full", max_error: float = 4e-4, include: Collection[Include] = ()
+        self,
+        mesh: Source,
+        *,
+        mode: Mode = "full",
+        max_error: float = 4e-4,
+        level: LevelName = "auto",
+        tolerance: float | None = None,
+        include: Collection[Include] = (),
     ) -> DetectResponse:
         """The symmetries of a mesh; see `app.local.detect`."""
-        return parsed(DetectResponse, self._send(detect_call(mesh, mode, max_error, include)).content)
+        return parsed(
+            DetectResponse, self._send(detect_call(mesh, mode, max_error, include, None, level, tolerance)).content
+        )
 
-    def export(self, mesh: Source, format: str, *, mode: Mode = "full", max_error: float = 4e-4) -> bytes:
+    def export(
+        self,
+        mesh: Source,
+        format: str,
+        *,
+        mode: Mode = "full",
+        max_error: float = 4e-4,
+        level: LevelName = "auto",
+        tolerance: float | None = None,
+    ) -> bytes:
         """The symmetries of a mesh as a file: an annotated ``glb``, a ``bop`` entry, ``shrec`` text, ``csv``."""
-        return self._send(detect_call(mesh, mode, max_error, (), format)).content
+        return self._send(detect_call(mesh, mode, max_error, (), format, level, tolerance)).content
 
     def complete(
         self,
@@ -150,14 +168,33 @@ class AsyncClient:
         await self._http.aclose()
 
     async def detect(
-        self, mesh: Source, *, mode: Mode = "full", max_error: float = 4e-4, include: Collection[Include] = ()
+        self,
+        mesh: Source,
+        *,
+        mode: Mode = "full",
+        max_error: float = 4e-4,
+        level: LevelName = "auto",
+        tolerance: float | None = None,
+        include: Collection[Include] = (),
     ) -> DetectResponse:
         """The symmetries of a mesh; see `app.local.detect`."""
-        return parsed(DetectResponse, (await self._send(detect_call(mesh, mode, max_error, include))).content)
+        return parsed(
+            DetectResponse,
+            (await self._send(detect_call(mesh, mode, max_error, include, None, level, tolerance))).content,
+        )
 
-    async def export(self, mesh: Source, format: str, *, mode: Mode = "full", max_error: float = 4e-4) -> bytes:
+    async def export(
+        self,
+        mesh: Source,
+        format: str,
+        *,
+        mode: Mode = "full",
+        max_error: float = 4e-4,
+        level: LevelName = "auto",
+        tolerance: float | None = None,
+    ) -> bytes:
         """The symmetries of a mesh as a file: an annotated ``glb``, a ``bop`` entry, ``shrec`` text, ``csv``."""
-        return (await self._send(detect_call(mesh, mode, max_error, (), format))).content
+        return (await self._send(detect_call(mesh, mode, max_error, (), format, level, tolerance))).content
 
     async def complete(
         self,

@@ -31,7 +31,15 @@ async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()
     include = list(dict.fromkeys([*query.include, *choice.output.include]))
     geometry = choice.output.name if choice.output.mesh is not None else None
     result = await answer(
-        request, runtime, task="detect", mode=query.mode, max_error=query.max_error, include=include, geometry=geometry
+        request,
+        runtime,
+        task="detect",
+        mode=query.mode,
+        max_error=query.max_error,
+        include=include,
+        geometry=geometry,
+        level=query.level,
+        tolerance=query.tolerance,
     )
     return answers.detected(runtime, result, query, choice)
 

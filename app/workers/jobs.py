@@ -26,7 +26,7 @@ def perform(
         answer, vertices, faces = complete_file(detector, data, job.filename, options, limits, on_parsed)
         body = _body(MESH_WRITERS[job.geometry or "ply"], vertices, faces, answer.mesh.bounds, job.max_answer_bytes)
         return answer.model_dump_json(by_alias=True).encode(), body
-    options = Options(job.mode, job.max_error, job.include)
+    options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
     response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed)
     text = to_json(response, options.include)
     if job.geometry is None:

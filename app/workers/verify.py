@@ -101,7 +101,8 @@ def trusted_answer(body: bytes, job: Job, card: Card) -> schemas.DetectResponse:
     model = answer.model
     _require((model.name, model.version, model.sha256) == (card.name, card.version, card.sha256), "another model")
     _require(_POINT_GROUP.fullmatch(answer.point_group) is not None, "no point group")
-    _require(max(len(answer.planes), len(answer.axes), len(answer.rejected)) <= _MOST_ELEMENTS, "too many elements")
+    lists = (answer.planes, answer.axes, answer.rejected, answer.similar, answer.levels)
+    _require(max(map(len, lists)) <= _MOST_ELEMENTS, "too many elements")
     _require(len(answer.warnings) <= _MOST_WARNINGS, "too many warnings")
     _require(all(map(_is_sentence, [*answer.warnings, answer.frame.units or ""])), "text that is no sentence")
     _require_timings(answer.timings_ms)
@@ -110,6 +111,10 @@ def trusted_answer(body: bytes, job: Job, card: Card) -> schemas.DetectResponse:
     for axis in answer.axes:
         _require(_is_unit(axis.direction) and _in_range(axis.point), "an axis that is none")
         _require(axis.continuous == (axis.order is None) == (axis.matrix is None), "an axis that contradicts itself")
+    for level in answer.levels:
+        _require(_POINT_GROUP.fullmatch(level.point_group) is not None, "no point group")
+        _require(len(level.breaks) <= _MOST_ELEMENTS, "too many elements")
+        _require(all(_in_range([*patch.center, patch.size]) for patch in level.breaks), "a place out of range")
     _require(_in_range([*answer.frame.center, answer.frame.scale]), "a frame out of range")
     return answer
 

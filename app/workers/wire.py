@@ -12,7 +12,7 @@ import struct
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from app.schemas import Include, Mode
+from app.schemas import Include, LevelName, Mode
 
 _HEAD = struct.Struct("!cI")
 
@@ -54,6 +54,8 @@ class Job:
     plane: list[float] | None = None
     symmetrize: bool = False
     max_answer_bytes: int = 0
+    level: LevelName = "auto"
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

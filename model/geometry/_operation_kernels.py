@@ -81,137 +81,149 @@ def refine(
     points: FloatArray,
     angles: FloatArray,
     along: FloatArray,
+    together: int,
     steps: int,
     first_scale: float,
     final_scale: float,
     shrink: float,
     spread: float,
     quantile: float,
+    trust_rms: bool,
     damping: float,
     contact: float,
     largest_turn: float,
     largest_shift: float,
-    settled: float,
+    step_tolerance: float,
     roughly: float,
     boxes: FloatArray,
     children: IntArray,
     frames: FloatArray,
 ) -> None:
-    """Gauss-Newton for each operation until it stands still; ``directions`` and ``points`` ``(k, 3)`` are overwritten.
+    """Gauss-Newton until nothing moves; ``directions`` and ``points`` ``(k, 3)`` are overwritten.
+
+    With ``together`` 0 every operation moves by itself. Else the first ``together`` operations are fitted with one
+    motion, and the rows after them are carried along: the axes and the centre of the frame they belong to.
 
     See `model.geometry.refinement` for the method and what the constants mean.
     """
     waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
     child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
     count = samples.shape[0]
-    seeds = np.zeros(count, dtype=np.int64)  # where the image of each sample was found last: the best place to begin
-    distances, ordered = np.empty(count), np.empty(count)
-    image, gradients = np.empty((count, 3)), np.empty((count, 3))
-    linear = np.empty((1, 3, 3))
-    matrix, twist = np.empty((6, 6)), np.empty(6)
-    for k in range(directions.shape[0]):
+    width = max(together, 1)
+    blocks = 1 if together > 0 else directions.shape[0]
+    # Where the image of each sample was found last: the best place to begin.
+    seeds = np.zeros((width, count), dtype=np.int64)
+    distances, ordered = np.empty((width, count)), np.empty(width * count)
+    image, gradients = np.empty((width, count, 3)), np.empty((width, count, 3))
+    linear = np.empty((width, 3, 3))
+    matrix, twist, row = np.empty((6, 6)), np.empty(6), np.empty(6)
+    for block in range(blocks):
         scale = first_scale / shrink
         for _ in range(steps):
-            linear_part(directions[k, 0], directions[k, 1], directions[k, 2], angles[k], along[k], 0, linear)
-            fx, fy, fz = points[k, 0], points[k, 1], points[k, 2]
             total = 0.0
-            for i in range(count):
-                qx, qy, qz = samples[i, 0] - fx, samples[i, 1] - fy, samples[i, 2] - fz
-                x = linear[0, 0, 0] * qx + linear[0, 0, 1] * qy + linear[0, 0, 2] * qz + fx
-                y = linear[0, 1, 0] * qx + linear[0, 1, 1] * qy + linear[0, 1, 2] * qz + fy
-                z = linear[0, 2, 0] * qx + linear[0, 2, 1] * qy + linear[0, 2, 2] * qz + fz
-                squared, lane = nearest(
-                    x,
-                    y,
-                    z,
-                    seeds[i],
-                    np.inf,
-                    boxes,
-                    children,
-                    frames,
-                    waiting,
-                    waiting_squared,
-                    child_squared,
-                    leaf_squared,
-                )
-                seeds[i] = lane // LANES
-                distance = np.sqrt(squared)
-                if distance < contact:
-                    gradients[i, 0], gradients[i, 1], gradients[i, 2] = normal_of(lane, frames)
-                else:
-                    cx, cy, cz = closest_on(x, y, z, lane, frames)
-                    gradients[i, 0], gradients[i, 1], gradients[i, 2] = (
-                        x - cx,
-                        y - cy,
-                        z - cz,
+            for j in range(width):
+                k = block + j
+                linear_part(directions[k, 0], directions[k, 1], directions[k, 2], angles[k], along[k], j, linear)
+                fx, fy, fz = points[k, 0], points[k, 1], points[k, 2]
+                for i in range(count):
+                    qx, qy, qz = samples[i, 0] - fx, samples[i, 1] - fy, samples[i, 2] - fz
+                    x = linear[j, 0, 0] * qx + linear[j, 0, 1] * qy + linear[j, 0, 2] * qz + fx
+                    y = linear[j, 1, 0] * qx + linear[j, 1, 1] * qy + linear[j, 1, 2] * qz + fy
+                    z = linear[j, 2, 0] * qx + linear[j, 2, 1] * qy + linear[j, 2, 2] * qz + fz
+                    squared, lane = nearest(
+                        x,
+                        y,
+                        z,
+                        seeds[j, i],
+                        np.inf,
+                        boxes,
+                        children,
+                        frames,
+                        waiting,
+                        waiting_squared,
+                        child_squared,
+                        leaf_squared,
                     )
-                    length = np.sqrt(gradients[i, 0] ** 2 + gradients[i, 1] ** 2 + gradients[i, 2] ** 2)
-                    for a in range(3):
-                        gradients[i, a] /= length
-                image[i, 0], image[i, 1], image[i, 2] = x, y, z
-                distances[i], ordered[i] = distance, distance
-                total += squared
+                    seeds[j, i] = lane // LANES
+                    distance = np.sqrt(squared)
+                    if distance < contact:
+                        mx, my, mz = normal_of(lane, frames)
+                    else:
+                        cx, cy, cz = closest_on(x, y, z, lane, frames)
+                        mx, my, mz = x - cx, y - cy, z - cz
+                        length = np.sqrt(mx * mx + my * my + mz * mz)
+                        mx, my, mz = mx / length, my / length, mz / length
+                    gradients[j, i, 0], gradients[j, i, 1], gradients[j, i, 2] = mx, my, mz
+                    image[j, i, 0], image[j, i, 1], image[j, i, 2] = x, y, z
+                    distances[j, i], ordered[j * count + i] = distance, distance
+                    total += squared
             ordered.sort()
-            typical = max(spread * ordered[min(int(quantile * count), count - 1)], np.sqrt(total / count), final_scale)
+            rms = np.sqrt(total / (width * count))
+            typical = max(spread * ordered[min(int(quantile * width * count), width * count - 1)], final_scale)
+            if trust_rms:
+                typical = max(typical, rms)
+            if spread <= 0.0:  # whatever the distances are, smaller ones come to decide step by step
+                typical = np.inf
             scale = max(min(scale * shrink, typical), final_scale)
-            _step(samples, image, gradients, distances, linear, scale, damping, matrix, twist)
+            matrix[:] = 0.0
+            twist[:] = 0.0
+            for j in range(width):
+                _accumulate(samples, image[j], gradients[j], distances[j], linear[j], scale, row, matrix, twist)
+            trace = 0.0
+            for a in range(6):
+                trace += matrix[a, a]
+            # Motions that leave the elements as they are (along a plane or an axis) have no gradient: damping keeps
+            # them out.
+            for a in range(6):
+                matrix[a, a] += damping * trace + 1e-12
+            _solve(matrix, twist)
             _clip(twist, 0, largest_turn)
             _clip(twist, 3, largest_shift)
-            _move(directions, points, k, twist)
+            for k in range(block, block + 1 if together == 0 else directions.shape[0]):
+                _move(directions, points, k, twist)
             moved = 0.0
             for a in range(6):
                 moved = max(moved, abs(twist[a]))
-            if moved <= settled + roughly * np.sqrt(total / count):
+            if moved <= step_tolerance + roughly * rms:
                 break
 
 
 @jit
-def _step(
+def _accumulate(
     samples: FloatArray,
     image: FloatArray,
     gradients: FloatArray,
     distances: FloatArray,
     linear: FloatArray,
     scale: float,
-    damping: float,
+    row: FloatArray,
     matrix: FloatArray,
     twist: FloatArray,
 ) -> None:
-    """Fill ``twist`` with the turn (3) and shift (3) of the element that solve the weighted normal equations."""
-    row = twist  # scratch until the end
-    r0, r1, r2, r3, r4, r5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    matrix[:] = 0.0
-    g0, g1, g2, g3, g4, g5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    """Add the weighted normal equations of one operation to ``matrix`` ``(6, 6)`` and the right side ``twist``.
+
+    The unknowns are the turn (3) and the shift (3) of the element; ``row`` ``(6,)`` is scratch.
+    """
     for i in range(samples.shape[0]):
         mx, my, mz = gradients[i, 0], gradients[i, 1], gradients[i, 2]
         # R^T m
-        bx = linear[0, 0, 0] * mx + linear[0, 1, 0] * my + linear[0, 2, 0] * mz
-        by = linear[0, 0, 1] * mx + linear[0, 1, 1] * my + linear[0, 2, 1] * mz
-        bz = linear[0, 0, 2] * mx + linear[0, 1, 2] * my + linear[0, 2, 2] * mz
+        bx = linear[0, 0] * mx + linear[1, 0] * my + linear[2, 0] * mz
+        by = linear[0, 1] * mx + linear[1, 1] * my + linear[2, 1] * mz
+        bz = linear[0, 2] * mx + linear[1, 2] * my + linear[2, 2] * mz
         x, y, z = image[i, 0], image[i, 1], image[i, 2]
         qx, qy, qz = samples[i, 0], samples[i, 1], samples[i, 2]
-        r0 = (y * mz - z * my) - (qy * bz - qz * by)
-        r1 = (z * mx - x * mz) - (qz * bx - qx * bz)
-        r2 = (x * my - y * mx) - (qx * by - qy * bx)
-        r3, r4, r5 = mx - bx, my - by, mz - bz
-        row[0], row[1], row[2], row[3], row[4], row[5] = r0, r1, r2, r3, r4, r5
+        row[0] = (y * mz - z * my) - (qy * bz - qz * by)
+        row[1] = (z * mx - x * mz) - (qz * bx - qx * bz)
+        row[2] = (x * my - y * mx) - (qx * by - qy * bx)
+        row[3], row[4], row[5] = mx - bx, my - by, mz - bz
         ratio = distances[i] / scale
         weight = 1.0 / ((1.0 + ratio * ratio) * (1.0 + ratio * ratio))
         pull = weight * distances[i]
-        g0, g1, g2 = g0 - pull * r0, g1 - pull * r1, g2 - pull * r2
-        g3, g4, g5 = g3 - pull * r3, g4 - pull * r4, g5 - pull * r5
         for a in range(6):
             weighted = weight * row[a]
+            twist[a] -= pull * row[a]
             for b in range(a + 1):
                 matrix[a, b] += weighted * row[b]
-    trace = 0.0
-    for a in range(6):
-        trace += matrix[a, a]
-    # Motions that leave the operation as it is (along its own element) have no gradient: damping keeps them out.
-    for a in range(6):
-        matrix[a, a] += damping * trace + 1e-12
-    twist[0], twist[1], twist[2], twist[3], twist[4], twist[5] = g0, g1, g2, g3, g4, g5
-    _solve(matrix, twist)
 
 
 @jit

@@ -46,7 +46,7 @@ def refine(
     steps: int = 30,
     *,
     scale: float = START_SCALE,
-    settled: float = 1e-9,
+    step_tolerance: float = 1e-9,
 ) -> Operations:
     """Refine all operations at once, each until it stands still.
 
@@ -56,32 +56,122 @@ def refine(
         operations: where to start; their kinds and angles stay.
         steps: at most so many Gauss-Newton steps.
         scale: the first robust scale, unit frame; small when the start is known to be good.
-        settled: an operation whose element moves less than this in a step is left alone; one that fits only roughly,
-            when it moves less than `_ROUGHLY` of its typical distance.
+        step_tolerance: an operation whose element moves less than this in a step is left alone; one that fits only
+            roughly, when it moves less than `_ROUGHLY` of its typical distance.
     """
+    directions, points = _refined(
+        surface,
+        samples,
+        operations,
+        0,
+        steps,
+        scale,
+        FINAL_SCALE,
+        _QUANTILE,
+        True,
+        step_tolerance,
+        np.zeros((0, 3)),
+        np.zeros(3),
+    )
+    return Operations(directions, points, operations.angles, operations.improper)
+
+
+def refine_frame(
+    surface: SurfaceIndex,
+    samples: FloatArray,
+    operations: Operations,
+    frame: FloatArray,
+    centre: FloatArray,
+    steps: int = 30,
+    *,
+    scale: float = START_SCALE,
+    final_scale: float = FINAL_SCALE,
+    quantile: float | None = _QUANTILE,
+    trust_rms: bool = True,
+    step_tolerance: float = 1e-9,
+) -> tuple[FloatArray, FloatArray]:
+    """Fit the frame of a symmetry group to several of its operations at once, with one rigid motion for all.
+
+    What noise does to one element is averaged over all of them, and their relations stay exact.
+
+    Args:
+        surface: what to measure against, unit frame.
+        samples: ``(n, 3)`` points on it.
+        operations: members of the group where the frame is now.
+        frame: ``(3, 3)``, a proper rotation whose rows are the frame's axes.
+        centre: ``(3,)``, the fixed point of the group.
+        steps: at most so many Gauss-Newton steps.
+        scale: the first robust scale.
+        final_scale: the robust scale never falls below this.
+        quantile: of the distances, which the robust scale follows; small where much of the surface is missing. None: it
+            shrinks from step to step whatever they are, until only what fits exactly counts.
+        trust_rms: keep the scale above the RMS distance; not where much is missing.
+        step_tolerance: a motion smaller than this ends the steps.
+
+    Returns:
+        frame and centre after the fit; the frame is orthonormal to rounding.
+    """
+    if not len(operations):
+        return frame, centre
+    directions, points = _refined(
+        surface,
+        samples,
+        operations,
+        len(operations),
+        steps,
+        scale,
+        final_scale,
+        quantile,
+        trust_rms,
+        step_tolerance,
+        frame,
+        centre,
+    )
+    left, _, right = np.linalg.svd(directions[-3:])
+    return left @ right, points[-1]
+
+
+def _refined(
+    surface: SurfaceIndex,
+    samples: FloatArray,
+    operations: Operations,
+    together: int,
+    steps: int,
+    scale: float,
+    final_scale: float,
+    quantile: float | None,
+    trust_rms: bool,
+    step_tolerance: float,
+    carried: FloatArray,
+    centre: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Directions and points ``(k, 3)`` after the fit, those of the ``carried`` directions at ``centre`` behind them."""
     along = np.where(operations.improper, -1.0, 1.0)
-    directions, points = surface.to_tree(operations.directions), surface.to_tree(operations.points)
+    directions = surface.to_tree(np.concatenate([operations.directions, carried]))
+    points = surface.to_tree(np.concatenate([operations.points, np.broadcast_to(centre, carried.shape)]))
     _kernels.refine(
         surface.to_tree(samples),
         directions,
         points,
         kernel_array(operations.angles, np.float64),
         along,
+        together,
         steps,
         scale,
-        FINAL_SCALE,
+        final_scale,
         _SHRINK,
-        _SPREAD,
-        _QUANTILE,
+        0.0 if quantile is None else _SPREAD,
+        0.5 if quantile is None else quantile,
+        trust_rms,
         _DAMPING,
         _CONTACT,
         _LARGEST_TURN,
         _LARGEST_SHIFT,
-        settled,
+        step_tolerance,
         _ROUGHLY,
         *surface.tree,
     )
-    return Operations(surface.from_tree(directions), surface.from_tree(points), operations.angles, operations.improper)
+    return surface.from_tree(directions), surface.from_tree(points)
 
 
 def squared_distances(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:

@@ -1,9 +1,9 @@
-"""Whether a surface is closed."""
+"""Edges of a mesh: which ones are open, and whether the surface is closed."""
 
 import numpy as np
 
 from model._jit import jit, kernel_array
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
 def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
@@ -17,6 +17,42 @@ def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
     ends = np.empty(3 * len(faces), dtype=np.int32)
     _sort_edges(merged, faces, starts, ends)
     return bool(_all_paired(starts, ends))
+
+
+def open_edges(vertices: FloatArray, faces: IntArray) -> BoolArray:
+    """Which edges belong to one face alone, once vertices at identical positions are merged: ``(f, 3)``.
+
+    Edge k of a face leads from corner k to the next. Faces of which corners coincide have no open edges. Works for any
+    ``(v, 3)`` coordinates and ``(f, 3)`` faces.
+    """
+    faces = kernel_array(faces, np.int32)
+    merged = duplicate_vertex_map(vertices)
+    starts = np.zeros(len(merged) + 1, dtype=np.int64)
+    ends = np.empty(3 * len(faces), dtype=np.int32)
+    _sort_edges(merged, faces, starts, ends)
+    result = np.zeros((len(faces), 3), dtype=np.bool_)
+    _find_open(merged, faces, starts, ends, result)
+    return result
+
+
+def edge_neighbours(vertices: FloatArray, faces: IntArray) -> IntArray:
+    """The face beyond each edge, once vertices at identical positions are merged: ``(f, 3)``, -1 for none.
+
+    Edge k of a face leads from corner k to the next. An edge of one face alone has no neighbour, nor has one of three.
+    """
+    merged = duplicate_vertex_map(vertices)[faces]
+    pairs = np.sort(np.stack([merged, np.roll(merged, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    keys = pairs[:, 0].astype(np.int64) * len(vertices) + pairs[:, 1]
+    order = np.argsort(keys, kind="stable")
+    ordered = keys[order]
+    starts = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    first = np.flatnonzero(starts)
+    counts = np.diff(np.append(first, len(ordered)))
+    twice = first[(counts == 2) & (pairs[order[first], 0] != pairs[order[first], 1])]
+    result = np.full(len(keys), -1, dtype=np.int32)
+    result[order[twice]] = order[twice + 1] // 3
+    result[order[twice + 1]] = order[twice] // 3
+    return result.reshape(-1, 3)
 
 
 def duplicate_vertex_map(vertices: FloatArray) -> IntArray:
@@ -91,6 +127,27 @@ def _all_paired(starts: AnyArray, ends: IntArray) -> bool:
             if index > 0 and group[index] == group[index - 1]:
                 return False
     return True
+
+
+@jit
+def _find_open(merged: IntArray, faces: IntArray, starts: AnyArray, ends: IntArray, result: BoolArray) -> None:
+    for vertex in range(starts.shape[0] - 1):
+        _sort(ends[starts[vertex] : starts[vertex + 1]])
+    for face in range(faces.shape[0]):
+        for corner in range(3):
+            a, b = merged[faces[face, corner]], merged[faces[face, (corner + 1) % 3]]
+            c = merged[faces[face, (corner + 2) % 3]]
+            if a == b or b == c or c == a:
+                continue
+            low, high = min(a, b), max(a, b)
+            first, last = starts[low], starts[low + 1]
+            while first < last:  # the first of the equal ones
+                middle = (first + last) // 2
+                if ends[middle] < high:
+                    first = middle + 1
+                else:
+                    last = middle
+            result[face, corner] = first + 1 == starts[low + 1] or ends[first + 1] != high
 
 
 @jit

@@ -6,7 +6,7 @@ from model.geometry.surface import SurfaceIndex
 from model.network.proposals import Proposals
 from model.paper.point_group import TOLERANCE, point_group
 from model.paper.validation import Judged, validate_axes, validate_planes
-from model.symmetries import FoundAxis, FoundPlane, Symmetries, TurnedDown
+from model.symmetries import Candidate, FoundAxis, FoundPlane, Symmetries
 from model.types import FloatArray
 
 
@@ -28,7 +28,7 @@ def validate_proposals(
     result = Symmetries(point_group=point_group(normals, directions))
     for judged in planes:
         if judged.reason is not None:
-            result.rejected.append(TurnedDown(judged.error, judged.reason, plane=judged.vector))
+            result.rejected.append(Candidate(judged.error, judged.reason, plane=judged.vector))
         else:
             through = bool((np.abs(directions @ judged.vector[:3]) < np.sin(TOLERANCE)).any())
             result.planes.append(FoundPlane(judged.vector, judged.error, continuous=through))
@@ -42,7 +42,7 @@ def _add_axis(result: Symmetries, judged: Judged) -> None:
     if judged.reason is None:
         result.axes.append(FoundAxis(judged.vector, origin, None, judged.error))
     else:
-        result.rejected.append(TurnedDown(judged.error, judged.reason, direction=judged.vector, point=origin))
+        result.rejected.append(Candidate(judged.error, judged.reason, direction=judged.vector, point=origin))
 
 
 def _rows(vectors: list[FloatArray]) -> FloatArray:

@@ -1,114 +1,141 @@
-"""By which angles a shape may be turned about an axis: the order of the axis, or every angle."""
+"""By which angles a shape may be rotated about an axis: the order of the axis, or every angle."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.geometry.refinement import squared_distances
-from model.geometry.surface import SurfaceIndex
+from model.search.deviation import DeviationMeter, SurfaceSamples
+from model.search.point_groups import ARBITRARY_ANGLES
+from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray
 
-ROUND_DEVIATION = 0.0065
-"""A faceted circle counts as round if no point strays farther from it, as a part of its radius: between a regular
-24-gon (0.86 %), whose order is told, and the 32 segments (0.48 %) with which most programs draw a cylinder."""
+_SCREEN_STRIDE, _SCREEN_FACTOR = 8, 4.0
+"""A rotation that is so many times too bad on every eighth sample is not looked at on all of them."""
 
-SPHERE_DEVIATION = 0.013
-"""The same about an axis across the rings of a sphere, where two curvatures add up."""
-
-_LOOSE_DEVIATION = 0.1
-"""A scanned or dented vase is round only approximately: RMS deviation as a part of the radius."""
-
-_FLAT = 2.0
-"""Such a surface is about equally wrong at every angle; the largest error exceeds the smallest by no more than this."""
+_ALWAYS = 7
+"""Orders up to this are tried whatever arbitrary angles give."""
 
 _CONTRAST = 0.1
-"""A rotation is a symmetry if its error is so much smaller than that of arbitrary angles; else the shape is round."""
+"""A rotation is a symmetry if its squared deviation is so much smaller than that of arbitrary angles. Larger ones must
+be smaller significantly (`explains_better`)."""
 
-_FEW, _SURELY = 8, 4.0
-"""A turn that is so many times too bad on every eighth sample is not looked at on all of them."""
-
-ARBITRARY_ANGLES = np.array([1.474, 2.552, 0.539, 2.095, 1.366])
-"""Radians. For every order up to 64 one of them is at least 0.33 of a step away from all multiples of the step (found
-by random search; multiples of the golden angle come near those of 21 and 34)."""
-
-_PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61)
-_LARGEST = 64
+_PRIMES = tuple(n for n in range(2, DEFAULT.largest_order + 1) if all(n % p for p in range(2, int(n**0.5) + 1)))
 
 
 @dataclass(frozen=True, slots=True)
-class Turns:
-    """``order`` of an axis, 1: no turn, None: every angle. ``round_within``: every angle is within the threshold.
+class RotationalSymmetry:
+    """What rotations about an axis are symmetries.
 
-    ``exact`` is False for an axis that is round only approximately.
+    ``order``: 1 where none is, None where the surface is round up to its facets. ``arbitrary_rms``: the largest RMS
+    deviation over a few arbitrary angles: within the threshold, the surface is round at least roughly.
     """
 
     order: int | None
-    round_within: bool
-    exact: bool = True
+    arbitrary_rms: float
 
 
-def allowed_turns(
-    surface: SurfaceIndex,
-    samples: FloatArray,
+def rotation_order(
+    meter: DeviationMeter,
+    samples: SurfaceSamples,
     direction: FloatArray,
     point: FloatArray,
     *,
     limit: float,
-    max_error: float,
-    deviation: float = ROUND_DEVIATION,
-) -> Turns:
+    deviation: float | None = None,
+    settings: SearchSettings = DEFAULT,
+) -> RotationalSymmetry:
     """Find the order of the axis through ``point`` ``(3,)`` along the unit ``direction`` ``(3,)``, unit frame.
 
-    The order is a product of prime powers, each of which is tried by itself. Two turns of each are looked at: the
-    smallest and one half way round, which a nearby wrong order (23 for 24) fails.
+    The order is a product of prime powers, each of which is tried by itself. Two rotations of each are looked at: the
+    two at about half way and a third of the way round, which a nearby wrong order (23 for 24) fails.
 
     Args:
-        surface: what to measure against.
-        samples: ``(n, 3)`` points on it.
+        meter: what to measure with.
+        samples: points on the surface.
         direction: of the axis.
         point: on the axis.
-        limit: an order must hold within this SDE.
-        max_error: largest SDE of an axis that is round only approximately.
-        deviation: largest relative deviation of one that is round exactly.
+        limit: an order must hold within this RMS deviation.
+        deviation: largest deviation from round, as a part of the radius; ``settings.round_deviation`` unless given.
+        settings: the thresholds.
     """
-    arm = samples - point
-    radii = np.linalg.norm(arm - np.outer(arm @ direction, direction), axis=1)
-    squared = _turned(surface, samples, direction, point, ARBITRARY_ANGLES)
-    errors = squared.mean(1)
-    round_within = bool(errors.max() <= max_error)
-    if round_within and np.sqrt(squared.max()) <= deviation * radii.max():
-        return Turns(None, True)
-    bound = min(limit, _CONTRAST * float(np.median(errors)))
-    order = _order(surface, samples, direction, point, bound)
-    if order == 1 and round_within:
-        flat = errors.max() <= _FLAT * errors.min()
-        if flat and errors.max() <= (_LOOSE_DEVIATION * np.sqrt(np.square(radii).mean())) ** 2:
-            return Turns(None, True, exact=False)
-    return Turns(order, round_within)
+    arm = samples.points - point
+    radius = float(np.sqrt(np.square(arm - np.outer(arm @ direction, direction)).sum(1).max()))
+    deviation = settings.round_deviation if deviation is None else deviation
+    measured = meter.measure(_rotations(direction, point, ARBITRARY_ANGLES), samples)
+    arbitrary_rms = float(measured.rms.max())
+    there = np.where(measured.missing, 0.0, measured.squared)
+    if np.sqrt(there.max()) <= deviation * radius and measured.missing_share.max() < 0.5:
+        return RotationalSymmetry(None, arbitrary_rms)
+    truncated = np.minimum(measured.squared, settings.truncation**2)
+    reference = truncated[int(np.argsort(truncated.mean(1))[len(truncated) // 2])]
+    order = _order(meter, samples, direction, point, limit, reference, arbitrary_rms, radius, settings)
+    return RotationalSymmetry(order, arbitrary_rms)
 
 
-def _order(surface: SurfaceIndex, samples: FloatArray, direction: FloatArray, point: FloatArray, bound: float) -> int:
-    few = samples[::_FEW]
+def explains_better(squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT) -> bool:
+    """Whether one hypothesis explains a surface distinctly better than another one.
+
+    Args:
+        squared: ``(n,)`` squared deviations of the first at n samples.
+        others: ``(n,)`` those of the other at the same samples.
+        settings: ``significance`` and ``advantage``.
+    """
+    difference = others - squared
+    spread = float(difference.std()) / np.sqrt(len(difference))
+    enough = float(others.mean()) > settings.advantage * float(squared.mean())
+    return enough and float(difference.mean()) > settings.significance * spread
+
+
+def _order(
+    meter: DeviationMeter,
+    samples: SurfaceSamples,
+    direction: FloatArray,
+    point: FloatArray,
+    limit: float,
+    reference: FloatArray,
+    arbitrary_rms: float,
+    radius: float,
+    settings: SearchSettings,
+) -> int:
+    cut = settings.truncation**2
+    few = samples.every(_SCREEN_STRIDE)
+    coarse_bound = _SCREEN_FACTOR * min(limit * limit, float(reference.mean()))
+
+    def promising(orders: list[int]) -> list[int]:
+        angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
+        screened = meter.measure(_rotations(direction, point, angles), few)
+        errors = np.minimum(np.where(screened.missing, 0.0, screened.squared), cut).mean(1)
+        return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= coarse_bound]
 
     def holds(n: int) -> bool:
-        angles = 2.0 * np.pi * np.array([1, max(1, n // 2)]) / n
-        if _turned(surface, few, direction, point, angles[:1]).mean() > _SURELY * bound:
+        deviations = meter.measure(_rotations(direction, point, 2.0 * np.pi * _multiples(n) / n), samples)
+        if deviations.rms.max() > limit:
             return False
-        return bool(_turned(surface, samples, direction, point, angles).mean(1).max() <= bound)
+        worst = np.minimum(deviations.squared, cut).mean(0)
+        return float(worst.mean()) <= _CONTRAST * float(reference.mean()) or explains_better(worst, reference, settings)
 
     order = 1
-    for prime in _PRIMES:
+    # Half a step of the order n moves no point farther than this share of the radius: more is not round enough for it.
+    largest = np.pi * radius / max(arbitrary_rms, 1e-12)
+    for prime in promising([prime for prime in _PRIMES if prime <= max(largest, _ALWAYS)]):
         power = prime
-        while order * prime <= _LARGEST and holds(power):
+        while order * prime <= settings.largest_order and (power == prime or promising([power])) and holds(power):
             order *= prime
             power *= prime
     return order
 
 
-def _turned(
-    surface: SurfaceIndex, samples: FloatArray, direction: FloatArray, point: FloatArray, angles: FloatArray
-) -> FloatArray:
-    """Squared distances ``(angles, n)`` of the turned samples."""
-    operations = Operations.rotations(np.tile(direction, (len(angles), 1)), point, angles)
-    return squared_distances(surface, samples, operations)
+@lru_cache(maxsize=512)
+def _multiples(n: int) -> FloatArray:
+    """Multiples of the smallest rotation that generate all of them and are far from it and from each other.
+
+    Rotations by a small angle prove nothing: bumps and noise are moved by less than their size.
+    """
+    prime = [k for k in range(1, n) if np.gcd(k, n) == 1]
+    return np.array(sorted({min(prime, key=lambda k: abs(k - share * n)) for share in (0.5, 0.34)}), dtype=np.float64)
+
+
+def _rotations(direction: FloatArray, point: FloatArray, angles: FloatArray) -> Operations:
+    return Operations.rotations(np.tile(direction, (len(angles), 1)), point, angles)

@@ -3,7 +3,6 @@
 Cheap rejection comes first (few samples, few steps), precision last, for what is left.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine, squared_distances
 from model.geometry.surface import SurfaceIndex
+from model.search.context import SearchContext
 from model.types import FloatArray
 
 SAME_ANGLE = float(np.deg2rad(1.5))
@@ -22,64 +22,46 @@ _MUCH_BETTER = 10.0
 """An element so near to one that is so many times better has not come to rest: robust steps may stick where some faces
 fit exactly and the others count as missing."""
 
-_COARSE_EVERY, _FINE_EVERY = 6, 2
-CUT = 0.06
-"""Distances count up to here while candidates are sifted: a hole in the surface must not hide a symmetry."""
-
-_HOPELESS, _POOR = 4.0, 1.3
-"""Candidates whose cut error exceeds the threshold so many times after the first and second round are dropped."""
+_COARSE_STRIDE, _FINE_STRIDE = 6, 2
+_MOST_CANDIDATES = 24
+_HOPELESS, _POOR = 2.0, 1.1
+"""Candidates whose truncated error exceeds the threshold so many times after the first and second round are dropped."""
 
 
-@dataclass(frozen=True, slots=True)
-class Settled:
-    """Refined distinct ``operations``, their ``errors`` (SDE on the refinement's samples), and the starts ``dropped``.
+@dataclass(frozen=True, slots=True, eq=False)
+class RefinedCandidates:
+    """Refined distinct ``operations``, sorted by error, and the starts ``dropped``.
 
-    Sorted by error; ``dropped`` with the SDE on few samples that each had when it was dropped.
+    ``dropped_errors`` ``(k,)``: the SDE on few samples that each had when it was dropped.
     """
 
     operations: Operations
-    errors: FloatArray
     dropped: Operations
     dropped_errors: FloatArray
 
 
-def settle(
-    surface: SurfaceIndex,
-    points: Callable[[int], FloatArray],
-    samples: FloatArray,
-    starts: Operations,
-    max_error: float,
-) -> Settled:
-    """Refine ``starts`` and keep the good ones, each once.
-
-    Args:
-        surface: the shape, unit frame.
-        points: gives points of it to refine on, ``(m, 3)``, with every so many-th sample among them.
-        samples: ``(n, 3)`` points to measure on.
-        starts: what to begin with.
-        max_error: threshold on the SDE.
-    """
-    coarse = points(_COARSE_EVERY)
+def refine_and_deduplicate(context: SearchContext, starts: Operations) -> RefinedCandidates:
+    """Refine ``starts`` on the exact distance and keep the good ones, each once."""
+    surface, samples, max_error = context.surface, context.samples.points, context.max_error
+    coarse = context.points(_COARSE_STRIDE)
     dropped: list[Operations] = []
     dropped_errors: list[FloatArray] = []
-    operations = starts
-    errors = np.zeros(len(operations))
+    operations, cut = starts, context.settings.truncation**2
     for steps, scale, bound in ((3, 0.15, _HOPELESS), (3, 0.04, _POOR)):
-        operations = refine(surface, coarse, operations, steps, scale=scale, settled=1e-5)
-        squared = squared_distances(surface, samples[::_COARSE_EVERY], operations)
-        errors = np.minimum(squared, CUT * CUT).mean(1)
+        operations = refine(surface, coarse, operations, steps, scale=scale, step_tolerance=1e-5)
+        squared = squared_distances(surface, samples[::_COARSE_STRIDE], operations)
+        errors = np.minimum(squared, cut).mean(1)
         good = errors <= bound * max_error
         dropped.append(operations[~good])
         dropped_errors.append(squared[~good].mean(1))
         operations, errors = operations[good], errors[good]
-        kept = distinct(operations, errors)
-        operations, errors = operations[kept], errors[kept]
+        kept = distinct(operations, errors)[:_MOST_CANDIDATES]
+        operations = operations[kept]
     if len(operations):
-        operations = refine(surface, points(_FINE_EVERY), operations, 8, scale=0.02)
-        errors = mean_errors(surface, samples, operations)
-        kept = distinct(operations, errors)
-        operations, errors = operations[kept], errors[kept]
-    return Settled(operations, errors, Operations.joined(dropped), np.concatenate(dropped_errors))
+        operations = refine(surface, context.points(_FINE_STRIDE), operations, 8, scale=0.02)
+        squared = np.minimum(squared_distances(surface, samples, operations), cut)
+        operations = operations[distinct(operations, squared.mean(1))]
+    return RefinedCandidates(operations, Operations.joined(dropped), np.concatenate(dropped_errors))
 
 
 def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:

@@ -30,19 +30,20 @@ class Elements(NamedTuple):
     orders: tuple[int, ...]
 
 
-def closure(generators: FloatArray, largest: int = LARGEST) -> FloatArray | None:
+def closure(generators: FloatArray, largest: int = LARGEST, same: float = SAME) -> FloatArray | None:
     """All products of the generators ``(k, 3, 3)``: ``(g, 3, 3)``, the identity first.
 
-    None if they never close, or only with an axis of an order above ``largest``.
+    None if they never close, or only with an axis of an order above ``largest``. Matrices within ``same`` radians are
+    one.
     """
     group = np.eye(3)[None]
     fresh = group
     while len(fresh):
         products = np.einsum("aij,bjk->abik", generators, fresh).reshape(-1, 3, 3)
-        products = products[~_known(products, group)]
+        products = products[~_known(products, group, same)]
         # Of equal ones the first: none of those before it is the same.
-        same = _same(products, products)
-        fresh = _orthogonal(products[~np.tril(same, -1).any(1)])
+        equal = _same(products, products, same)
+        fresh = _orthogonal(products[~np.tril(equal, -1).any(1)])
         group = np.concatenate([group, fresh])
         if len(group) > max(4 * largest, _LARGEST_CUBIC):  # Dnh has 4 n members
             return None
@@ -52,38 +53,33 @@ def closure(generators: FloatArray, largest: int = LARGEST) -> FloatArray | None
 
 def contains(group: FloatArray, matrices: FloatArray) -> BoolArray:
     """Which of the matrices ``(k, 3, 3)`` are members of the group ``(g, 3, 3)``: ``(k,)``."""
-    return _known(matrices, group)
+    return _known(matrices, group, SAME)
 
 
-def elements(group: FloatArray) -> Elements:
+def elements(group: FloatArray, tolerance: float = SAME) -> Elements:
     """The planes and axes of a group, each once. An axis' order is the largest n with rotation by 2 pi / n in it."""
     members = group[1:]
     if not len(members):
         return Elements(np.zeros((0, 3)), np.zeros((0, 3)), ())
     proper = np.linalg.det(members) > 0
-    reflections = ~proper & (np.trace(members, axis1=1, axis2=2) > 2.0 * np.cos(SAME) - 1.0)
+    reflections = ~proper & (np.trace(members, axis1=1, axis2=2) > 2.0 * np.cos(tolerance) - 1.0)
     lines = _axes_of(members[proper])
-    same = np.abs(lines @ lines.T) > np.cos(SAME)
+    same = np.abs(lines @ lines.T) > np.cos(tolerance)
     first = ~np.tril(same, -1).any(1)
     turns = same[first].sum(1) + 1  # and the identity
     return Elements(_axes_of(-members[reflections]), lines[first], tuple(turns.tolist()))
 
 
-def name(group: FloatArray) -> str:
+def name(group: FloatArray, same: float = SAME) -> str:
     """The Schoenflies symbol in ASCII of a finite point group ``(g, 3, 3)``, one of those in the design."""
-    planes, directions, orders = elements(group)
-    inverted = bool(contains(group, -np.eye(3)[None])[0])
+    planes, _, orders = elements(group, same)
+    inverted = bool(_known(-np.eye(3)[None], group, same)[0])
     if sum(order > 2 for order in orders) > 1:
         return _cubic(orders, len(planes) > 0, inverted)
     if not orders:
         return "Cs" if len(planes) else "Ci" if inverted else "C1"
-    # The principal axis; of three two-fold ones (D2d) the one the rotoreflection turns about.
     improper = group[np.linalg.det(group) < 0]
-    main = directions[int(np.argmax(orders))]
-    n = max(orders)
-    if n == 2 and len(orders) == 3:
-        quarter = improper[np.abs(np.trace(improper, axis1=1, axis2=2) + 1.0) < 0.1]
-        main = _axes_of(-quarter)[0] if len(quarter) else main
+    main, n = principal(group, same), max(orders)
     across = bool(len(planes)) and bool((np.abs(planes @ main) > _PARALLEL).any())
     along = bool(len(planes)) and bool((np.abs(planes @ main) < 1.0 - _PARALLEL).any())
     if len(orders) > 1:
@@ -93,6 +89,20 @@ def name(group: FloatArray) -> str:
     if along:
         return f"C{n}v"
     return f"S{2 * n}" if len(improper) else f"C{n}"
+
+
+def principal(group: FloatArray, same: float = SAME) -> FloatArray:
+    """The direction ``(3,)`` of the principal axis of an axial group.
+
+    Of three two-fold axes it is the one of the rotoreflection (D2d), of equal ones the first.
+    """
+    _, directions, orders = elements(group, same)
+    if max(orders) == 2 and len(orders) == 3:
+        improper = group[np.linalg.det(group) < 0]
+        quarter = improper[np.abs(np.trace(improper, axis1=1, axis2=2) + 1.0) < 0.1]
+        if len(quarter):
+            return _axes_of(-quarter)[0]
+    return directions[int(np.argmax(orders))]
 
 
 _PARALLEL = 0.97
@@ -106,14 +116,14 @@ def _cubic(orders: tuple[int, ...], mirrored: bool, inverted: bool) -> str:
     return "Th" if inverted else "Td" if mirrored else "T"
 
 
-def _known(matrices: FloatArray, others: FloatArray) -> BoolArray:
-    return np.asarray(_same(matrices, others).any(1))
+def _known(matrices: FloatArray, others: FloatArray, same: float) -> BoolArray:
+    return np.asarray(_same(matrices, others, same).any(1))
 
 
-def _same(matrices: FloatArray, others: FloatArray) -> BoolArray:
+def _same(matrices: FloatArray, others: FloatArray, same: float) -> BoolArray:
     # tr(A^T B) is 1 + 2 cos of the angle between two proper operations, or two improper ones; less between the kinds.
     traces = matrices.reshape(-1, 9) @ others.reshape(-1, 9).T
-    return np.greater(traces, 1.0 + 2.0 * np.cos(SAME))
+    return np.greater(traces, 1.0 + 2.0 * np.cos(same))
 
 
 def _orthogonal(matrices: FloatArray) -> FloatArray:

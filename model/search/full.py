@@ -1,8 +1,8 @@
-"""Full mode: every symmetry of a shape, refined, completed to a group, judged on samples that refined nothing.
+"""Full mode: every symmetry of a shape, as groups that hold as a whole.
 
 The paper stops at three approximate planes (section 5) and names the rest as open. Here the network's output is one
-source of starts among others; what decides is geometry. In order: surfaces of revolution; planes; the group that they
-generate; orders about its axes; two-fold axes and improper operations still missing; judgement.
+source of candidates among others; what decides is geometry. In order: lines about which the shape may be round;
+candidates for planes and half turns, refined; the ladder of groups that they build; the level that is answered with.
 """
 
 from dataclasses import dataclass
@@ -13,113 +13,134 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import refine
 from model.geometry.scan import directions, minima
 from model.network.proposals import Proposals
-from model.search.axis_order import ARBITRARY_ANGLES, Turns, allowed_turns
-from model.search.candidates import settle
-from model.search.group_completion import Completion
-from model.search.judgement import EXACT_ERROR
-from model.search.revolution import revolution
-from model.search.shape import PROMISING_AXIS, PROMISING_PLANE, Shape
-from model.symmetries import Symmetries, TurnedDown
+from model.search.axis_order import rotation_order
+from model.search.candidates import RefinedCandidates, refine_and_deduplicate
+from model.search.context import SearchContext
+from model.search.hypothesis import Hypothesis
+from model.search.ladder import Ladder, distinct_lines
+from model.search.levels import continuous_levels, with_round
+from model.search.point_groups import ARBITRARY_ANGLES
 from model.types import FloatArray
 
-_MOST_PLANES, _MOST_CANDIDATES = 14, 24
 _MOST_THROUGH_ROUND = 3
-_CLOSE = 1.5
-"""Candidates beyond the threshold by no more than this go on to the verdict: refinement measures on few samples."""
-
-_EVERY_DIRECTION = 5
+_DIRECTION_STRIDE = 5
 _ALONG = float(np.sin(np.deg2rad(8.0)))
 
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where the starts come from: for ablations."""
+    """Where the candidates come from: for ablations."""
 
     network: bool = True
     inertia: bool = True
     scan: bool = True
 
 
-def find_symmetries(shape: Shape, proposals: Proposals | None, sources: Sources) -> Symmetries:
-    """All planes and axes of a shape in the unit frame.
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """The ``levels`` of a shape, each a group that holds, the finest first.
+
+    ``candidates`` with their RMS deviations ``rms``, and those ``dropped`` early with an SDE on few samples.
+    """
+
+    levels: list[Hypothesis]
+    candidates: Operations
+    rms: FloatArray
+    dropped: Operations
+    dropped_errors: FloatArray
+
+
+def find_symmetries(context: SearchContext, proposals: Proposals | None, sources: Sources) -> Found:
+    """All symmetry groups of a shape in the unit frame, and the candidates they were built from.
 
     Args:
-        shape: what to search.
+        context: what to search.
         proposals: the network's output, used where ``sources`` says so.
-        sources: of starts.
+        sources: of candidates.
     """
-    lines = _lines(shape, proposals, sources)
-    round_lines: list[FloatArray] = []
-    roughly: list[FloatArray] = []
-    for direction in lines:
-        point, turns = _inspect(shape, direction)
-        if turns.order is None and turns.exact:
-            return revolution(shape, point[:3], point[3:])
-        if turns.order is None:
-            roughly.append(point)
-        if turns.round_within:
-            round_lines.append(point[:3])
-    starts = _plane_starts(shape, proposals, sources, round_lines)
-    planes = settle(shape.surface, shape.points, shape.samples, starts, shape.max_error)
-    found, errors = planes.operations, planes.errors
-    # Sorted: the first of them are the best.
-    within = errors <= _CLOSE * shape.max_error
-    rejected = [
-        TurnedDown(error, "not_symmetric", plane)
-        for part, part_errors in ((planes.dropped, planes.dropped_errors), (found[~within], errors[~within]))
-        for plane, error in zip(part.planes, part_errors.tolist(), strict=True)
-    ]
-    completion = Completion(
-        shape, lines, sources.scan, found[within][:_MOST_CANDIDATES], errors[within][:_MOST_CANDIDATES], rejected
-    )
-    exact = completion.exact()
-    if roughly and not exact:  # a vase as scanned; what is exact would say more
-        return revolution(shape, roughly[0][:3], roughly[0][3:])
-    return completion.result()
+    lines = _lines(context, proposals, sources)
+    nearly_round: list[tuple[FloatArray, FloatArray]] = []
+    for line in lines:
+        direction, point, exact, rough = _roundness(context, line)
+        if exact:
+            levels = continuous_levels(context, direction, point)
+            if levels:
+                return _found(levels)
+        if rough:
+            nearly_round.append((direction, point))
+    starts = _starts(context, proposals, sources, [direction for direction, _ in nearly_round])
+    refined = refine_and_deduplicate(context, starts)
+    deviations = context.meter.measure(refined.operations, context.judging)
+    # A candidate that leaves much unexplained comes later.
+    rms = deviations.rms + context.settings.missing_cost * deviations.missing_share
+    ladder = Ladder(context, lines)
+    ladder.climb(refined.operations, rms)
+    ladder.extend_roughly()
+    continuous: list[Hypothesis] = []
+    for direction, point, _ in [*((d, p, 0.0) for d, p in nearly_round), *ladder.round_lines]:
+        continuous = continuous_levels(context, direction, point)
+        if continuous:
+            break
+    return _found(with_round(context, ladder.rungs, continuous), refined, rms)
 
 
-def _lines(shape: Shape, proposals: Proposals | None, sources: Sources) -> FloatArray:
+def _found(
+    levels: list[Hypothesis],
+    refined: RefinedCandidates | None = None,
+    rms: FloatArray | None = None,
+) -> Found:
+    distinct = [level for k, level in enumerate(levels) if all(level.name != other.name for other in levels[k + 1 :])]
+    if refined is None or rms is None:
+        empty = Operations.reflections(np.zeros((0, 4)))
+        return Found(distinct, empty, np.zeros(0), empty, np.zeros(0))
+    return Found(distinct, refined.operations, rms, refined.dropped, refined.dropped_errors)
+
+
+def _lines(context: SearchContext, proposals: Proposals | None, sources: Sources) -> FloatArray:
     """Directions through the centre that may be axes of high order: ``(k, 3)``, each once."""
-    candidates = [shape.principal] if sources.inertia else []
+    candidates = [np.zeros((0, 3))]
+    if sources.inertia:
+        candidates.append(context.principal)
     if sources.network and proposals is not None:
         candidates.append(proposals.directions)
-    kept: list[FloatArray] = []
-    for direction in np.concatenate([np.zeros((0, 3)), *candidates]):
-        if not any(abs(direction @ other) > np.cos(np.deg2rad(5.0)) for other in kept):
-            kept.append(direction)
-    return np.reshape(kept, (-1, 3))
+    return distinct_lines(np.concatenate(candidates))
 
 
-def _inspect(shape: Shape, direction: FloatArray) -> tuple[FloatArray, Turns]:
-    """Whether the shape is round about an axis near ``direction``: the refined axis ``(6,)`` and what it allows."""
-    start = np.concatenate([direction, shape.centre])
+def _roundness(context: SearchContext, line: FloatArray) -> tuple[FloatArray, FloatArray, bool, bool]:
+    """An axis near ``line``, refined; whether the shape is round about it up to its facets, or at least roughly."""
     count = len(ARBITRARY_ANGLES)
-    turned = Operations.rotations(np.tile(direction, (count, 1)), shape.centre, ARBITRARY_ANGLES)
-    if shape.scores(turned).max() > PROMISING_AXIS:
-        return start, Turns(1, False)
-    axis = refine(shape.surface, shape.points(3), turned[:1], 8, scale=0.05)
-    point, few = np.concatenate([axis.directions[0], axis.points[0]]), shape.samples[::2]
-    turns = allowed_turns(shape.surface, few, point[:3], point[3:], limit=EXACT_ERROR, max_error=shape.max_error)
-    return point, turns
+    rotated = Operations.rotations(np.tile(line, (count, 1)), context.centre, ARBITRARY_ANGLES)
+    if context.scores(rotated).max() > context.settings.promising_axis:
+        return line, context.centre, False, False
+    axis = refine(context.surface, context.points(3), rotated[:1], 8, scale=0.05)
+    direction, point = axis.directions[0], axis.points[0]
+    found = rotation_order(
+        context.meter, context.samples.every(2), direction, point, limit=0.0, settings=context.settings
+    )
+    return direction, point, found.order is None, found.arbitrary_rms <= context.limit
 
 
-def _plane_starts(
-    shape: Shape, proposals: Proposals | None, sources: Sources, round_lines: list[FloatArray]
+def _starts(
+    context: SearchContext, proposals: Proposals | None, sources: Sources, round_lines: list[FloatArray]
 ) -> Operations:
+    settings = context.settings
     normals: list[FloatArray] = [np.zeros((0, 3))]
+    halves: list[FloatArray] = [np.zeros((0, 3))]
     if sources.inertia:
-        normals.append(shape.principal)
+        normals.append(context.principal)
     if sources.scan:
-        mirrored, _ = shape.grid.scan
-        scanned = minima(mirrored, _MOST_PLANES, PROMISING_PLANE) @ shape.turn
+        mirrored, turned = context.grid.scan
+        scanned = minima(mirrored, settings.most_planes, settings.promising_plane) @ context.rotation
         if len(round_lines) > 1:  # nearly a sphere: the scan sees nothing
-            scanned = directions()[::_EVERY_DIRECTION]
+            scanned = directions()[::_DIRECTION_STRIDE]
         if len(round_lines) == 1:  # about a nearly round axis all planes look alike to the scan: a few are enough
             through = np.abs(scanned @ round_lines[0]) < _ALONG
             scanned = np.concatenate([scanned[through][:_MOST_THROUGH_ROUND], scanned[~through]])
         normals.append(scanned)
+        halves.append(minima(turned, settings.most_axes, settings.promising_axis) @ context.rotation)
     rows = np.concatenate(normals)
-    starts = np.column_stack([rows, -rows @ shape.centre])
+    planes = np.column_stack([rows, -rows @ context.centre])
     if sources.network and proposals is not None:
-        starts = np.concatenate([proposals.planes, starts])
-    return Operations.reflections(starts)
+        planes = np.concatenate([proposals.planes, planes])
+    turns = Operations.rotations(np.concatenate(halves), context.centre, np.pi)
+    return Operations.joined([Operations.reflections(planes), turns])

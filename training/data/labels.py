@@ -23,9 +23,10 @@ from tqdm import tqdm
 from model.detector import Detector, use_one_thread
 from model.errors import PRSNetError
 from model.geometry.operations import Operations
+from model.geometry.refinement import refine
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
-from model.search.candidates import settle
+from model.search.candidates import distinct, mean_errors
 from model.search.full import Sources
 from model.types import FloatArray, IntArray
 from training.baselines.classical import pca_planes
@@ -182,8 +183,10 @@ def _pca(vertices: FloatArray, faces: IntArray, max_error: float) -> Labels:
     surface = SurfaceIndex(vertices, faces)
     samples, _ = sample_surface(vertices, faces, _SAMPLES, seed=0)
     starts = Operations.reflections(pca_planes(vertices, faces))
-    settled = settle(surface, lambda every: samples[::every], samples, starts, max_error)
-    return Labels(settled.operations.planes, settled.errors, np.zeros(6))
+    refined = refine(surface, samples, starts)
+    errors = mean_errors(surface, samples, refined)
+    kept = [index for index in distinct(refined, errors) if errors[index] <= max_error]
+    return Labels(refined.planes[kept], errors[kept], np.zeros(6))
 
 
 def _of_truth(truth: Truth | None) -> Labels:

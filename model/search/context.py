@@ -1,0 +1,57 @@
+"""A shape made ready for full mode: everything its search measures with."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from model.geometry.operations import Operations
+from model.geometry.scan import DistanceGrid
+from model.geometry.surface import SurfaceIndex
+from model.search.deviation import DeviationMeter, SurfaceSamples
+from model.search.settings import DEFAULT, SearchSettings
+from model.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchContext:
+    """A surface in the unit frame, ready to be searched.
+
+    ``samples`` of the surface serve refinement, together with ``anchors`` ``(m, 3)``, extreme vertices that
+    hold fast what hardly a sample hits, corners and rims; hypotheses are compared on ``judging``, other
+    samples. ``grid`` holds the voxels in the frame that ``rotation`` ``(3, 3)`` takes the unit frame to; the rows of
+    ``principal`` ``(3, 3)`` are the inertia frame's axes. ``max_error`` is the threshold on the SDE.
+    """
+
+    meter: DeviationMeter
+    samples: SurfaceSamples
+    anchors: FloatArray
+    judging: SurfaceSamples
+    grid: DistanceGrid
+    rotation: FloatArray
+    principal: FloatArray
+    max_error: float
+    settings: SearchSettings = field(default=DEFAULT)
+
+    @property
+    def surface(self) -> SurfaceIndex:
+        """What distances are measured from."""
+        return self.meter.surface
+
+    @property
+    def limit(self) -> float:
+        """The largest RMS deviation of a symmetry: the root of ``max_error``."""
+        return float(np.sqrt(self.max_error))
+
+    @property
+    def centre(self) -> FloatArray:
+        """The mean of the occupied voxels, unit frame."""
+        return self.grid.centre @ self.rotation
+
+    def points(self, stride: int) -> FloatArray:
+        """What to refine on: every so many-th sample, and all anchors."""
+        return np.concatenate([self.samples.points[::stride], self.anchors])
+
+    def scores(self, operations: Operations) -> FloatArray:
+        """The voxel scan's score of arbitrary operations, in squared voxels: ``(k,)``."""
+        images = operations.apply(self.grid.points @ self.rotation)
+        return self.grid.score(images @ self.rotation.T)

@@ -1,0 +1,261 @@
+"""Whether a symmetry is exact: whether it holds everywhere on the surface, up to what the file itself can promise.
+
+An RMS deviation over samples cannot see a missing screw. Here every vertex, edge and face is looked at, and each may
+deviate by what its own shape leaves open: the resolution of the coordinates, and how far facets stray from the curved
+surface they stand for (the sagitta). Two bores drawn with 12 and 16 segments are the same bore; a hole of a screw is
+none of these.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from model.geometry.operations import Operations
+from model.geometry.surface import SurfaceIndex
+from model.meshes._topology import duplicate_vertex_map, edge_neighbours
+from model.search.deviation import face_normals
+from model.search.hypothesis import Hypothesis
+from model.symmetries import Patch
+from model.types import BoolArray, FloatArray, IntArray
+
+_MOST_FEATURES = 24_000
+_SMOOTH = float(np.cos(np.deg2rad(50.0)))
+"""Faces that meet at a smaller angle stand for one curved surface; sharper edges are meant."""
+
+_SLACK = 1.25
+"""Where facets are the only disagreement, the fit that balances them adds to it."""
+
+_RELATIVE = 1e-6
+_ON_EDGE = 1e-6
+_CELL = 0.02
+"""Points that deviate nearer to each other than this, unit frame, are one patch."""
+
+_MOST_PATCHES = 8
+_MOST_CHECKED, _MOST_ELEMENTS = 400, 12
+_MANY_VALUES = 300
+_FINEST_STEP = 0.005
+_SINGLE = 2.0**-23
+
+
+class ExactnessTest:
+    """Tests symmetries of one surface, unit frame, on all of its features.
+
+    Args:
+        surface: its index.
+        vertices: ``(v, 3)``, unit frame.
+        faces: ``(f, 3)``.
+        resolution: of the coordinates, unit frame (`resolution_of`).
+    """
+
+    def __init__(self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, resolution: float) -> None:
+        self._surface = surface
+        self._vertices, self._faces = vertices, faces
+        self._base = _RELATIVE + 2.0 * resolution
+
+    @cached_property
+    def _features(self) -> tuple[FloatArray, IntArray]:
+        """Vertices, middles of edges and of faces ``(m, 3)``, each once, with a face that each lies on ``(m,)``."""
+        faces = self._faces
+        count = len(faces)
+        stride = max(1, -(-4 * count // _MOST_FEATURES))
+        chosen = np.arange(0, count, stride)
+        corners = self._vertices[faces[chosen]]
+        vertex, first = np.unique(faces[chosen].ravel(), return_index=True)
+        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+        keys = np.sort(np.stack([faces[chosen], np.roll(faces[chosen], -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        _, edge = np.unique(keys[:, 0].astype(np.int64) * len(self._vertices) + keys[:, 1], return_index=True)
+        points = np.concatenate([self._vertices[vertex], middles.reshape(-1, 3)[edge], corners.mean(1)])
+        return points, np.concatenate([chosen[first // 3], chosen[edge // 3], chosen]).astype(np.int32)
+
+    def is_flat(self, faces: IntArray) -> BoolArray:
+        """Which faces ``(m,)`` stand for nothing but themselves, being no facets of a curved surface."""
+        return np.asarray(self._sagittas[0][faces] == 0.0)
+
+    @cached_property
+    def _sagittas(self) -> tuple[FloatArray, FloatArray]:
+        """How far faces ``(f,)`` stray from the curved surface they stand for; the same at vertices ``(v,)``."""
+        vertices, faces = self._vertices, self._faces
+        neighbours = edge_neighbours(vertices, faces)
+        normals = face_normals(vertices, faces)
+        corners = vertices[faces]
+        edges = np.roll(corners, -1, axis=1) - corners
+        area = np.sqrt(np.square(np.cross(edges[:, 0], edges[:, 1])).sum(1))
+        length = np.sqrt(np.square(edges).sum(2))
+        width = np.divide(area[:, None], length, out=np.zeros_like(length), where=length > 0.0)
+        cosine = np.einsum("fi,fki->fk", normals, normals[np.maximum(neighbours, 0)])
+        smooth = (neighbours >= 0) & (cosine > _SMOOTH) & (cosine < 1.0 - 1e-9)
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+        # A strip between two rulings is as wide as the triangles that share its diagonal.
+        of_face = np.where(smooth, 0.5 * width * np.tan(angle / 4.0), 0.0).max(1)
+        flat = (neighbours >= 0) & (cosine >= 1.0 - 1e-9)
+        across = np.where(flat, of_face[np.maximum(neighbours, 0)], 0.0).max(1)
+        of_face = np.maximum(of_face, across)
+        first = duplicate_vertex_map(vertices)
+        at_vertex = np.zeros(len(vertices))
+        for k in range(3):
+            np.maximum.at(at_vertex, first[faces[:, k]], of_face)
+        return of_face, at_vertex[first]
+
+    def exact(self, hypothesis: Hypothesis) -> "Verdict":
+        """Test a group: by its generators, and by each of its elements where a generator does not hold."""
+        points, owners = self._features
+        operations = hypothesis.measured_operations if not len(hypothesis.matrices) else hypothesis.generators
+        broken = np.zeros(len(points), dtype=np.bool_)
+        largest = 0.0
+        for k in range(len(operations)):
+            images = operations[[k]].apply(points)[0]
+            deviation, allowed = self._deviations(owners, images)
+            bad = deviation > allowed
+            largest = max(largest, float(np.where(bad, 0.0, deviation).max()))
+            broken |= bad
+        return Verdict(self, hypothesis, points[broken], owners[broken], largest)
+
+    def _deviations(self, owners: IntArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Deviations of images ``(m, 3)`` of points of faces ``(m,)``, and what each may be: ``(m,)`` both."""
+        of_face, at_vertex = self._sagittas
+        closest, squared, hit = self._surface.closest(images)
+        allowed = self._base + _SLACK * np.maximum(of_face[owners], of_face[hit])
+        # A flat face beside a rounded rim is cut along chords: there the rim's sagitta counts.
+        corners = self._vertices[self._faces[hit]]
+        at_corner = at_vertex[self._faces[hit]]
+        for k in range(3):
+            start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+            share = np.einsum("ij,ij->i", closest - start, along) / np.maximum(np.square(along).sum(1), 1e-300)
+            foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
+            on_edge = np.square(closest - foot).sum(1) < _ON_EDGE**2
+            rim = np.where(
+                share < 1e-6, at_corner[:, k], np.where(share > 1.0 - 1e-6, at_corner[:, (k + 1) % 3],
+                np.minimum(at_corner[:, k], at_corner[:, (k + 1) % 3])),
+            )  # fmt: skip
+            allowed = np.maximum(allowed, np.where(on_edge, self._base + _SLACK * rim, 0.0))
+        return np.sqrt(squared), allowed
+
+    def breaking(
+        self, points: FloatArray, owners: IntArray, operation: Operations
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Images of points ``(m, 3)`` of faces ``(m,)``, their deviations, and which of these are too large."""
+        images = operation.apply(points)[0]
+        deviation, allowed = self._deviations(owners, images)
+        return images, deviation, deviation > allowed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """What testing a group found: the points ``(m, 3)`` of faces ``(m,)`` at which a generator does not hold.
+
+    ``largest``: the largest deviation of all other points.
+    """
+
+    test: ExactnessTest
+    hypothesis: Hypothesis
+    points: FloatArray
+    owners: IntArray
+    largest: float
+
+    @property
+    def exact(self) -> bool:
+        """Whether the group holds everywhere."""
+        return not len(self.points)
+
+    def of(self, operations: Operations) -> tuple[FloatArray, BoolArray]:
+        """The largest deviation of each operation of the group, and which ones are exact: ``(k,)`` both."""
+        largest, fits = np.full(len(operations), self.largest), np.ones(len(operations), dtype=np.bool_)
+        if not self.exact:
+            points, owners = self._thinned(_MOST_CHECKED)
+            for k in range(len(operations)):
+                _, deviation, bad = self.test.breaking(points, owners, operations[[k]])
+                largest[k], fits[k] = max(self.largest, float(deviation.max())), not bad.any()
+        return largest, fits
+
+    def _thinned(self, most: int) -> tuple[FloatArray, IntArray]:
+        stride = -(-len(self.points) // most)
+        return self.points[::stride], self.owners[::stride]
+
+    def patches(self) -> list[Patch]:
+        """What breaks the group: the fewest places that account for all deviations, the largest first.
+
+        A point x deviates because something stands there that T(x) lacks, or because something lacks at T(x): of a
+        missing screw all others tell the same place. The place that accounts for most is taken first.
+        """
+        if self.exact:
+            return []
+        elements = self.hypothesis.measured_operations
+        elements = elements[:: -(-len(elements) // _MOST_ELEMENTS)]
+        points, owners = self._thinned(_MOST_CHECKED)
+        parts = [self.test.breaking(points, owners, elements[[k]]) for k in range(len(elements))]
+        sources = np.concatenate([points[bad] for _, _, bad in parts])
+        if not len(sources):
+            return []
+        images = np.concatenate([image[bad] for image, _, bad in parts])
+        deviations = np.concatenate([deviation[bad] for _, deviation, bad in parts])
+        which = np.concatenate([np.full(int(part[2].sum()), k, dtype=np.int32) for k, part in enumerate(parts)])
+        labels = _clusters(np.concatenate([sources, images]))
+        ends = np.stack([labels[: len(sources)], labels[len(sources) :]], axis=1)
+        left = np.ones(len(sources), dtype=np.bool_)
+        patches: list[Patch] = []
+        while left.any() and len(patches) < _MOST_PATCHES:
+            best = _most_telling(ends[left], which[left], deviations[left])
+            here = left & (ends == best).any(1)
+            present = bool((ends[here, 0] == best).sum() >= (ends[here, 1] == best).sum())
+            places = (sources if present else images)[here & (ends[:, 0 if present else 1] == best)]
+            low, high = places.min(0), places.max(0)
+            size = float(np.linalg.norm(high - low))
+            patches.append(Patch(0.5 * (low + high), size, float(deviations[here].max()), present))
+            left &= ~here
+        return sorted(patches, key=lambda patch: -patch.deviation)
+
+
+def _most_telling(ends: IntArray, which: IntArray, deviations: FloatArray) -> int:
+    """The place that most operations deviate at, of several the one with the largest deviation.
+
+    ``ends`` ``(n, 2)``: the places of source and image of each deviation, ``which`` ``(n,)``: its operation.
+    """
+    places, index = np.unique(ends, return_inverse=True)
+    index = index.reshape(-1, 2)
+    operations = np.zeros((len(places), int(which.max()) + 1), dtype=np.bool_)
+    largest = np.zeros(len(places))
+    for side in range(2):
+        operations[index[:, side], which] = True
+        np.maximum.at(largest, index[:, side], deviations)
+    return int(places[np.lexsort((-places, largest, operations.sum(1)))[-1]])
+
+
+def resolution_of(vertices: FloatArray) -> float:
+    """What the coordinates ``(v, 3)`` of a file may be off by, in their own unit.
+
+    Half a step of single precision if all of them are numbers of it; half the diagonal of a cell if they lie on a grid
+    that is fine beside the shape and has far more values than a drawing by hand would.
+    """
+    largest = float(np.abs(vertices).max())
+    extent = float((vertices.max(0) - vertices.min(0)).max())
+    with np.errstate(over="ignore"):
+        single = bool((vertices.astype(np.float32) == vertices).all())
+    result = _SINGLE * largest if single else 2.0**-52 * largest
+    values: FloatArray = np.unique(vertices[:: max(1, len(vertices) // 5000)].ravel())
+    if len(values) > _MANY_VALUES and extent > 0.0:
+        power = float(np.floor(np.log10(_FINEST_STEP * extent)))
+        for step in (10.0**power, 10.0 ** (power - 1), 10.0 ** (power - 2), 10.0 ** (power - 3)):
+            if bool((np.abs(values / step - np.rint(values / step)) < 1e-3).all()):
+                return max(result, 0.5 * 3.0**0.5 * step)
+    return result
+
+
+def _clusters(points: FloatArray) -> IntArray:
+    """Labels ``(n,)`` of points ``(n, 3)``: those in the same or adjacent cells of a grid have the same."""
+    cells, inverse = np.unique(np.floor(points / _CELL).astype(np.int64), axis=0, return_inverse=True)
+    index = {tuple(cell): k for k, cell in enumerate(cells.tolist())}
+    labels = np.full(len(cells), -1, dtype=np.int32)
+    shifts = [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)]
+    for start in range(len(cells)):
+        if labels[start] >= 0:
+            continue
+        labels[start], stack = start, [start]
+        while stack:
+            x, y, z = cells[stack.pop()].tolist()
+            for i, j, k in shifts:
+                other = index.get((x + i, y + j, z + k))
+                if other is not None and labels[other] < 0:
+                    labels[other] = start
+                    stack.append(other)
+    return np.asarray(labels[inverse.reshape(-1)], dtype=np.int32)

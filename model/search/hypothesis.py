@@ -1,0 +1,208 @@
+"""A point group placed in a shape: one hypothesis about all of its symmetries at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.geometry.operations import Operations
+from model.geometry.refinement import refine_frame, squared_distances
+from model.search.context import SearchContext
+from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, PointGroup, contains, point_group
+from model.types import FloatArray
+
+_MOST_MEASURED = 10
+_MOST_FITTED = 6
+_MEASUREMENTS = 1000
+"""Distances a hypothesis costs: of more operations each is measured on fewer samples."""
+
+_CLOSE_SCALE, _EXACT_SCALE = 0.02, 1e-7
+_EXACT_DISTANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A point group with its place in the unit frame, and how well the shape bears it out.
+
+    ``frame`` ``(3, 3)``: a proper rotation whose rows are the axes of the group's own frame; ``centre`` ``(3,)``: its
+    fixed point. ``rms``: largest RMS deviation of the operations measured, where a counterpart is there; ``missing``,
+    ``coverage``, ``contradicting``: shares of the surface, the worst over the operations (`model.search.deviation`).
+    """
+
+    group: PointGroup
+    frame: FloatArray
+    centre: FloatArray
+    rms: float = 0.0
+    missing: float = 0.0
+    coverage: float = 1.0
+    contradicting: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The Schoenflies symbol."""
+        return self.group.name
+
+    @property
+    def axis(self) -> FloatArray:
+        """The direction of the principal axis ``(3,)``: the last row of the frame."""
+        return self.frame[2]
+
+    @property
+    def planes(self) -> FloatArray:
+        """All planes ``(p, 4)``, rows ``(n, d)``, of a family through a continuous axis two."""
+        normals = self.group.normals @ self.frame
+        return np.column_stack([normals, -normals @ self.centre])
+
+    @property
+    def directions(self) -> FloatArray:
+        """The directions of all axes ``(a, 3)``; their orders are those of the group."""
+        return self.group.directions @ self.frame
+
+    @property
+    def matrices(self) -> FloatArray:
+        """The linear parts of all members ``(g, 3, 3)``; none of a continuous group."""
+        return self.frame.T @ self.group.matrices @ self.frame
+
+    @property
+    def generators(self) -> Operations:
+        """Operations that generate the group."""
+        return self._placed(self.group.generators)
+
+    @property
+    def elements(self) -> Operations:
+        """Reflections in all planes, then the smallest rotation about each axis."""
+        return self._placed(_elements(self.group))
+
+    def contains(self, operation: Operations, angle: float, distance: float) -> bool:
+        """Whether one operation (a batch of one) is a member up to an angle, radians, and a distance of its element."""
+        local = self.frame @ operation.matrices @ self.frame.T
+        if not contains(self.group, local, angle)[0]:
+            return False
+        moved = operation.apply(self.centre[None])[0, 0] - self.centre
+        return float(0.5 * np.linalg.norm(moved)) < distance
+
+    @property
+    def measured_operations(self) -> Operations:
+        """The generators, and some elements of larger groups."""
+        operations = Operations.joined([self.generators, self._halfway])
+        elements = self.elements
+        room = _MOST_MEASURED - len(operations)
+        chosen = np.unique(np.linspace(0, len(elements) - 1, min(room, len(elements))).round().astype(int))
+        return Operations.joined([operations, elements[chosen]]) if len(chosen) else operations
+
+    def measured(self, context: SearchContext) -> "Hypothesis":
+        """The same with deviations measured where it is: of the generators, and of some elements of large groups."""
+        operations = self.measured_operations
+        if not len(operations):
+            return self
+        stride = max(1, -(-len(operations) * len(context.judging) // _MEASUREMENTS))
+        deviations = context.meter.measure(operations, context.judging.every(stride))
+        distance = context.settings.fit_distance
+        return Hypothesis(
+            self.group,
+            self.frame,
+            self.centre,
+            float(deviations.rms.max()),
+            float(deviations.missing_share.max()),
+            float(deviations.coverage(distance).min()),
+            float(deviations.contradicting(distance).max()),
+        )
+
+    @property
+    def _fit_operations(self) -> Operations:
+        """The generators, and some elements if these are few: what the frame is fitted to."""
+        operations = self.generators
+        if len(operations) < _MOST_FITTED and self.name not in CONTINUOUS:
+            elements = self.elements
+            room = min(_MOST_FITTED - len(operations), len(elements))
+            if room:
+                chosen = np.unique(np.linspace(0, len(elements) - 1, room).round().astype(int))
+                operations = Operations.joined([operations, elements[chosen]])
+        return operations
+
+    def fitted(self, context: SearchContext, *, stride: int = 3, steps: int = 8) -> "Hypothesis":
+        """The same after its frame was fitted to the surface, and measured there.
+
+        Args:
+            context: the shape.
+            stride: every so many-th sample is fitted to.
+            steps: of the fit.
+        """
+        operations = self._fit_operations
+        if not len(operations):
+            return self
+        holed = self.missing > 0.01
+        points = context.points(stride)
+        frame, centre = refine_frame(
+            context.surface,
+            points,
+            operations,
+            self.frame,
+            self.centre,
+            steps,
+            scale=_CLOSE_SCALE,
+            quantile=0.5 if holed else 0.75,
+            trust_rms=not holed,
+            step_tolerance=1e-8,
+        )
+        return Hypothesis(self.group, frame, centre, missing=self.missing).measured(context)
+
+    def settled(self, context: SearchContext, points: FloatArray) -> "Hypothesis":
+        """The same where most of some points ``(n, 3)`` fit exactly, if there is such a place nearby.
+
+        Features without a counterpart pull a little even where they hardly count. Where most images lie on the surface
+        to rounding, the rest has no say at all.
+        """
+        operations = self._fit_operations
+        if not len(operations):
+            return self
+        frame, centre = refine_frame(
+            context.surface,
+            points,
+            operations,
+            self.frame,
+            self.centre,
+            40,
+            scale=_CLOSE_SCALE / 4.0,
+            final_scale=_EXACT_SCALE,
+            quantile=None,
+            trust_rms=False,
+            step_tolerance=1e-14,
+        )
+        settled = Hypothesis(self.group, frame, centre, missing=self.missing)
+        better = settled._exact_share(context, points) > self._exact_share(context, points)
+        return settled.measured(context) if better else self
+
+    def _exact_share(self, context: SearchContext, points: FloatArray) -> float:
+        """How many of some points ``(n, 3)`` the operations take to the surface as exactly as a file can say."""
+        squared = squared_distances(context.surface, points, self.measured_operations)
+        return float((squared < _EXACT_DISTANCE**2).mean())
+
+    @property
+    def _halfway(self) -> Operations:
+        """The rotation half way round the principal axis, which a nearby wrong order (23 for 24) fails."""
+        order = self.group.principal_order
+        count = int(order > 2 and self.name[0] not in "TOI")
+        angles = np.full(count, 2.0 * np.pi * (order // 2) / max(order, 1))
+        return Operations.rotations(np.tile(self.axis, (count, 1)), self.centre, angles)
+
+    def _placed(self, operations: Operations) -> Operations:
+        points = np.broadcast_to(self.centre, (len(operations), 3))
+        return Operations(operations.directions @ self.frame, points, operations.angles, operations.improper)
+
+
+def trivial() -> Hypothesis:
+    """No symmetry at all, about the centroid of the surface: through it every exact element passes."""
+    return Hypothesis(point_group("C1"), np.eye(3), np.zeros(3))
+
+
+def _elements(group: PointGroup) -> Operations:
+    planes, axes = len(group.normals), len(group.directions)
+    turns = np.array(
+        [2.0 * np.pi / order if order else ARBITRARY_ANGLES[0] for order in group.orders], dtype=np.float64
+    )
+    return Operations(
+        np.concatenate([group.normals, group.directions]),
+        np.zeros((planes + axes, 3)),
+        np.concatenate([np.zeros(planes), turns]),
+        np.arange(planes + axes) < planes,
+    )

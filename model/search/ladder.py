@@ -1,0 +1,359 @@
+"""The ladder of symmetry groups of a shape: each holds more, and needs more tolerance, than the one before.
+
+Candidates are taken by rising deviation. Each that fits the group found so far makes it grow; a group is fitted to all
+its elements together, and measured as a whole. What the grown group suggests is tried as well: higher orders of its
+axes, planes and half turns that go with them, the cubic groups.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from model.geometry.operations import Operations
+from model.geometry.refinement import refine
+from model.search import closure
+from model.search.axis_order import rotation_order
+from model.search.context import SearchContext
+from model.search.hypothesis import Hypothesis, trivial
+from model.search.point_groups import axial_name, frame_of, identify, point_group
+from model.types import FloatArray
+
+_SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
+_AZIMUTHS, _BEST_AZIMUTHS = 32, 3
+_PARALLEL = float(np.cos(np.deg2rad(4.0)))
+_PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
+_EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
+_EXACT_ORDER, _ROUGH_ORDER = 64, 12
+_LARGEST_CLOSED = 260
+_HOPELESS = 4.0
+
+
+class Ladder:
+    """Builds the groups of a shape, the finest first.
+
+    ``rungs``: the non-trivial groups found so far. ``round_lines``: directions about which the shape is round, at least
+    roughly, with the RMS deviation of arbitrary rotations.
+    """
+
+    def __init__(self, context: SearchContext, lines: FloatArray) -> None:
+        """Start with no symmetry; ``lines`` ``(k, 3)`` are directions through the centre that may be axes."""
+        self._context = context
+        self._lines = lines
+        self._group = trivial()
+        self._failed: dict[tuple[object, ...], float] = {}
+        self.rungs: list[Hypothesis] = []
+        self.round_lines: list[tuple[FloatArray, FloatArray, float]] = []
+
+    @property
+    def top(self) -> Hypothesis:
+        """The largest group so far."""
+        return self._group
+
+    def climb(self, candidates: Operations, rms: FloatArray) -> None:
+        """Take in candidates ``(k,)`` with their RMS deviations, precise ones in batches, others one by one."""
+        settings, limit = self._context.settings, self._context.limit
+        order = np.argsort(rms, kind="stable")
+        done = -1.0
+        for precision in (settings.file_precision, settings.modelling_precision, settings.feature_precision):
+            tolerance = min(precision, limit)
+            batch = order[(rms[order] <= tolerance) & (rms[order] > done)]
+            grown = [self._add(candidates[[int(index)]], tolerance) for index in batch]
+            # What an exact group suggests is exact, too, or a candidate by itself.
+            if any(grown) or self._group.name == "C1" or self._group.rms > settings.file_precision:
+                self._extend(tolerance)
+            done = tolerance
+            self._note()
+        for index in order[(rms[order] > done) & (rms[order] <= limit)]:
+            needed = max(float(rms[index]), self._group.rms, settings.feature_precision / settings.growth)
+            tolerance = min(settings.growth * needed, limit)
+            if self._add(candidates[[int(index)]], tolerance):
+                self._extend(tolerance)
+                self._note()
+
+    def extend_roughly(self) -> None:
+        """Where nothing is exact, look for what no candidate shows: the more so where there is no symmetry at all."""
+        settings, limit = self._context.settings, self._context.limit
+        if self._group.name == "C1":
+            self._extend(limit)
+        elif self._group.rms > settings.file_precision:
+            self._extend(
+                min(settings.growth * max(self._group.rms, settings.feature_precision / settings.growth), limit)
+            )
+        self._note()
+
+    def _note(self) -> None:
+        if self._group.name != "C1" and (not self.rungs or self.rungs[-1] is not self._group):
+            self.rungs.append(self._group)
+
+    def _add(self, operation: Operations, tolerance: float) -> bool:
+        """Let the group grow by one operation, if what they generate together holds; True if it has grown."""
+        group, settings = self._group, self._context.settings
+        precise = tolerance <= settings.modelling_precision
+        angle = _EXACT_ANGLE if precise else _ROUGH_ANGLE
+        if group.contains(operation, angle, settings.same_distance) or group.group.size > _LARGEST_CLOSED:
+            return False
+        matrices = np.concatenate([group.generators.matrices, operation.matrices])
+        grown = closure.closure(matrices, _EXACT_ORDER if precise else _ROUGH_ORDER, angle)
+        if grown is None:
+            return False
+        name, frame = identify(grown, angle)
+        members = Operations.joined([group.generators, operation])
+        centre = common_point(members, group.centre if len(group.generators) else self._context.centre)
+        if distances_from(members, centre).max() > settings.same_distance:
+            return False
+        return self._try(Hypothesis(point_group(name), frame, centre), tolerance)
+
+    def _try(self, hypothesis: Hypothesis, tolerance: float) -> bool:
+        """Fit a hypothesis and take it if it holds; True if it does."""
+        measured = hypothesis.measured(self._context)
+        if measured.rms > max(_HOPELESS * tolerance, _HOPELESS * self._context.limit):
+            return False
+        fitted = measured.fitted(self._context)
+        if not self._believed(fitted) or fitted.rms > tolerance:
+            return False
+        self._group = fitted
+        return True
+
+    def _believed(self, hypothesis: Hypothesis) -> bool:
+        settings = self._context.settings
+        return (
+            hypothesis.coverage >= settings.least_coverage and hypothesis.contradicting <= settings.most_contradicting
+        )
+
+    def _extend(self, tolerance: float) -> None:
+        """Try what the group suggests, until nothing more holds."""
+        while self._raise_order(tolerance) or any(self._try(h, tolerance) for h in self._suggested(tolerance)):
+            pass
+
+    def _raise_order(self, tolerance: float) -> bool:
+        """Look for a higher order about each axis known or suspected; True if there was one."""
+        group = self._group
+        if group.name[0] in "TOI":
+            return False
+        known = group.directions[np.argsort([-order for order in group.group.orders], kind="stable")]
+        tried: list[FloatArray] = []
+        for line in distinct_lines(np.concatenate([known, group.group.normals @ group.frame, self._lines])):
+            # One of each set of lines that the group maps onto each other is enough.
+            images = group.matrices @ line
+            if any(np.abs(images @ other).max() > _PARALLEL for other in tried):
+                continue
+            tried.append(line)
+            if self._raise_order_about(line, tolerance):
+                return True
+        return False
+
+    def _raise_order_about(self, line: FloatArray, tolerance: float) -> bool:
+        context, group = self._context, self._group
+        parallel = np.abs(group.directions @ line) > _PARALLEL
+        order = int(np.array(group.group.orders)[parallel].max()) if parallel.any() else 1
+        key = ("order", order, *np.round(np.abs(line), 2).tolist())
+        if self._failed.get(key, -1.0) >= tolerance:
+            return False
+        self._failed[key] = tolerance
+        turns = 2.0 * np.pi / np.array([n for n in _SCREEN_ORDERS if n != order])
+        starts = Operations.rotations(np.tile(line, (len(turns), 1)), group.centre, turns)
+        scores = context.scores(starts)
+        best = int(np.argmin(scores))
+        precise = tolerance <= context.settings.modelling_precision
+        if scores[best] > (context.settings.promising_exact if precise else context.settings.promising_axis):
+            return False
+        direction, point = line, group.centre
+        samples = context.samples.every(3) if precise else context.judging
+        tried = {order, 1}
+        # The axis may be where the line is. Else it is near the one that fits best, which another angle than its own
+        # was fitted to: there its order may only show roughly.
+        limits = [tolerance]
+        limits += [max(tolerance, context.settings.feature_precision), tolerance] if order == 1 else []
+        for attempt, limit in enumerate(limits):
+            if attempt == 1:
+                axis = refine(context.surface, context.points(3), starts[[best]], 8, scale=0.05)
+                direction, point = axis.directions[0], axis.points[0]
+            found = rotation_order(context.meter, samples, direction, point, limit=limit, settings=context.settings)
+            if found.arbitrary_rms <= context.limit:
+                self.round_lines.append((direction, point, found.arbitrary_rms))
+            if found.order is None or found.order % order or found.order in tried:
+                continue
+            tried.add(found.order)
+            angle = 2.0 * np.pi / found.order
+            suggestion = self._with_axis(direction, point, found.order)
+            if suggestion is not None and self._try(suggestion, tolerance):
+                return True
+            if suggestion is None and self._add(Operations.rotations(direction, point, angle), tolerance):
+                return True
+            axis = refine(
+                context.surface, context.points(3), Operations.rotations(direction, point, angle), 8, scale=0.02
+            )
+            direction, point = axis.directions[0], axis.points[0]
+        return False
+
+    def _with_axis(self, direction: FloatArray, point: FloatArray, order: int) -> Hypothesis | None:
+        """The group grown by an axis that all it holds goes with, as the principal one; None if something does not."""
+        group = self._group
+        normals, axes = group.group.normals @ group.frame, group.directions
+        orders = np.array(group.group.orders, dtype=np.int64)
+        to_normals, to_axes = np.abs(normals @ direction), np.abs(axes @ direction)
+        through, across = to_normals < _PERPENDICULAR, to_normals > _PARALLEL
+        half, along = (to_axes < _PERPENDICULAR) & (orders == 2), to_axes > _PARALLEL
+        if not ((through | across).all() and (half | along).all()):
+            return None
+        inverted = group.name == "Ci" or bool(
+            len(group.matrices) and (np.trace(group.matrices, axis1=1, axis2=2) < -2.9).any()
+        )
+        has_across = bool(across.any()) or (inverted and order % 2 == 0)
+        name = axial_name(
+            order,
+            through=bool(through.any()),
+            across=has_across,
+            half_turns=bool(half.any()),
+            rotoreflection=inverted and order % 2 == 1,
+        )
+        side = direction
+        if half.any():
+            side = axes[half][0]
+        elif through.any():
+            normal = normals[through][0]
+            side = normal if name.endswith("v") else np.cross(normal, direction)
+            if name.endswith("d"):  # half turns lie between the planes
+                angle = np.pi / (2.0 * order)
+                side = np.cos(angle) * side + np.sin(angle) * np.cross(direction, side)
+        centre = common_point(
+            Operations.joined([group.generators, Operations.rotations(direction, point, 2.0 * np.pi / order)]),
+            group.centre,
+        )
+        return Hypothesis(point_group(name), frame_of(direction, side), centre)
+
+    def _suggested(self, tolerance: float) -> Iterator[Hypothesis]:
+        """Larger groups that the one so far may be a part of, the likeliest first."""
+        group = self._group
+        name, order = group.name, group.group.principal_order
+        for larger, frame in _supergroups(name, order, group.frame):
+            key = (larger, name, order, *np.round(frame, 2).ravel().tolist())
+            if self._failed.get(key, -1.0) >= tolerance:
+                continue
+            self._failed[key] = tolerance
+            centre = group.centre
+            if larger == "Ci":
+                context = self._context
+                inversion = Operations(np.eye(3)[:1], centre[None], np.array([np.pi]), np.ones(1, dtype=np.bool_))
+                centre = refine(context.surface, context.points(3), inversion, 12).points[0]
+            yield Hypothesis(point_group(larger), frame, centre)
+        if order > 1 and name[0] in "CS" and not name.endswith("v"):
+            yield from self._azimuths(tolerance)
+
+    def _azimuths(self, tolerance: float) -> Iterator[Hypothesis]:
+        """Planes through the principal axis, and half turns across it: where they are is not known.
+
+        Both repeat with the period pi / n about an axis of order n: of many azimuths within one the best are tried.
+        """
+        group, context = self._group, self._context
+        key = ("azimuths", group.name)
+        if self._failed.get(key, -1.0) >= tolerance:
+            return
+        self._failed[key] = tolerance
+        order = group.group.principal_order
+        first, second = group.frame[0], group.frame[1]
+        angles = np.pi / order * np.arange(_AZIMUTHS) / _AZIMUTHS
+        sides = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+        planes = Operations.reflections(np.column_stack([sides, -sides @ group.centre]))
+        turns = Operations.rotations(sides, group.centre, np.pi)
+        across = group.name.endswith("h")
+        for kind, symbol in ((planes, "v"), (turns, "")):
+            squared = context.meter.measure(kind, context.samples.every(5)).squared
+            errors = np.minimum(squared, context.settings.truncation**2).mean(1)
+            for index in np.argsort(errors, kind="stable")[:_BEST_AZIMUTHS].tolist():
+                side = sides[index]
+                if symbol == "v" and not across:
+                    name = f"C{order}v"
+                    if group.name[0] == "S":
+                        name, angle = f"D{order}d", np.pi / (2.0 * order) + np.pi / 2.0
+                        side = np.cos(angle) * side + np.sin(angle) * np.cross(group.axis, side)
+                elif across:
+                    name = f"D{order}h"
+                    side = np.cross(side, group.axis) if symbol == "v" else side
+                else:
+                    name = f"D{order}d" if group.name[0] == "S" else f"D{order}"
+                yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre)
+
+
+def _supergroups(name: str, order: int, frame: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    """Groups that hold one with this name and, in this frame or one along the same lines, what it holds."""
+    if name == "C1":
+        yield "Ci", frame
+        return
+    if name[0] in "TOI":
+        larger = {"T": ("Td", "Th", "O"), "Td": ("Oh",), "Th": ("Oh",), "O": ("Oh",), "I": ("Ih",)}
+        for symbol in larger.get(name, ()):
+            yield symbol, frame
+        return
+    if order < 2:
+        return
+    if name[0] == "C" and name[-1].isdigit():
+        yield f"C{order}h", frame
+        yield f"S{2 * order}", frame
+    if name.endswith("v"):
+        yield f"D{order}h", frame_of(frame[2], frame[1])
+        angle = np.pi / (2.0 * order)
+        side = np.cross(frame[0], frame[2])
+        yield f"D{order}d", frame_of(frame[2], np.cos(angle) * side + np.sin(angle) * np.cross(frame[2], side))
+    if name == f"D{order}":
+        yield f"D{order}h", frame
+        for axes in (frame, frame[[1, 2, 0]], frame[[2, 0, 1]]) if order == 2 else (frame,):
+            yield f"D{order}d", axes
+    if name in ("D2", "D2h", "D2d", "D4", "D4h"):
+        turned = np.stack([frame[0] + frame[1], frame[1] - frame[0], np.sqrt(2.0) * frame[2]]) / np.sqrt(2.0)
+        for axes in (frame, turned) if name != "D2h" else (frame,):
+            yield from ((symbol, axes) for symbol in ("Oh", "Td", "Th", "O", "T"))
+    if order == 3 and name in _ALONG_DIAGONALS:
+        for axes in _diagonal_frames(frame[2], frame[0]):
+            yield _ALONG_DIAGONALS[name], axes
+    if order == 5 and name in _ALONG_FIVE_FOLD:
+        for side in (1.0, -1.0):
+            yield _ALONG_FIVE_FOLD[name], _five_fold_frame(frame[2], side * frame[0])
+
+
+_ALONG_DIAGONALS = {"C3v": "Td", "D3": "O", "D3d": "Oh"}
+"""The cubic group that has one with a three-fold axis along the diagonals of its cube."""
+
+_ALONG_FIVE_FOLD = {"C5v": "Ih", "D5": "I", "D5d": "Ih"}
+
+
+def _diagonal_frames(diagonal: FloatArray, side: FloatArray) -> Iterator[FloatArray]:
+    """The edges of the two cubes with this body diagonal and a face diagonal along ``side``."""
+    across = np.cross(diagonal, side)
+    for sign in (1.0, -1.0):
+        along, third = diagonal / np.sqrt(3.0), sign * across / np.sqrt(6.0)
+        first, second = along + side / np.sqrt(2.0) + third, along - side / np.sqrt(2.0) + third
+        yield np.stack([first, second, np.cross(first, second)])
+
+
+def _five_fold_frame(five: FloatArray, half: FloatArray) -> FloatArray:
+    """The two-fold frame of an icosahedron with a five-fold axis and a two-fold one across it."""
+    golden = (1.0 + 5.0**0.5) / 2.0
+    across, length = np.cross(five, half), np.hypot(1.0, golden)
+    return np.stack([half, (five + golden * across) / length, (golden * five - across) / length])
+
+
+def distinct_lines(directions: FloatArray) -> FloatArray:
+    """Of directions ``(k, 3)`` those that are not within a few degrees of an earlier one."""
+    kept: list[int] = []
+    for index, direction in enumerate(directions):
+        if not kept or np.abs(directions[kept] @ direction).max() < _PARALLEL:
+            kept.append(index)
+    return directions[kept]
+
+
+def common_point(operations: Operations, near: FloatArray) -> FloatArray:
+    """The point that all operations leave in place, by least squares; where they leave it open, the one ``near``."""
+    if not len(operations):
+        return near
+    fixed = np.eye(3) - operations.matrices
+    shifts = np.einsum("kij,kj->ki", fixed, operations.points - near)
+    rows = fixed.reshape(-1, 3)
+    # The pseudo-inverse without its smallest parts: along an axis, or within a plane, nothing holds the point.
+    return near + np.linalg.pinv(rows, rcond=0.02) @ shifts.ravel()
+
+
+def distances_from(operations: Operations, point: FloatArray) -> FloatArray:
+    """How far each element passes by a point: half the way the operation moves it, ``(k,)``."""
+    moved = operations.apply(point[None])[:, 0] - point
+    return 0.5 * np.sqrt(np.square(moved).sum(1))

@@ -1,0 +1,129 @@
+"""Which level of the ladder people mean: the one that needs much more tolerance before anything else holds."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from model.geometry.operations import Operations
+from model.search.axis_order import explains_better
+from model.search.context import SearchContext
+from model.search.hypothesis import Hypothesis
+from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, frame_of, point_group
+from model.types import FloatArray
+
+_AS_TOLERANT = 1.02
+"""Levels whose tolerances differ by less are one: the larger group stands for both."""
+
+_SAME_ANGLE = float(np.deg2rad(4.0))
+_PARALLEL = float(np.cos(_SAME_ANGLE))
+
+
+def effective_tolerance(context: SearchContext, level: Hypothesis, finer: Hypothesis | None) -> float:
+    """What believing in a group costs, as an RMS deviation.
+
+    It is the group's own, no less than modelling precision, and a price for what it takes to be missing: low for what
+    some of its operations find and others miss, a hole; high for what all of those miss that the ``finer`` group
+    lacks. A cup that stood for a can without its lid would have half of the can's ends missing, and nothing to show
+    for it.
+    """
+    settings = context.settings
+    cost = max(level.rms, settings.modelling_precision)
+    if level.missing == 0.0:
+        return cost
+    operations = level.measured_operations
+    if finer is not None:
+        new = [k for k in range(len(operations)) if not finer.contains(operations[[k]], _SAME_ANGLE, np.inf)]
+        operations = operations[new]
+    unsupported = 0.0
+    if len(operations):
+        unsupported = float(context.meter.measure(operations, context.judging).missing.all(0).mean())
+    return cost + settings.missing_cost * level.missing + settings.unsupported_cost * unsupported
+
+
+def choose(context: SearchContext, levels: Sequence[Hypothesis]) -> int:
+    """The index of the level with the most room above it; finer ones win ties.
+
+    The room above a level is how many times more tolerance the next one needs, above the last one the threshold. What
+    holds at a tolerance holds all the more of a part of it: no level costs more than a later one.
+    """
+    finer = [None, *levels[:-1]]
+    costs = [effective_tolerance(context, level, below) for level, below in zip(levels, finer, strict=True)]
+    for index in range(len(costs) - 2, -1, -1):
+        costs[index] = min(costs[index], costs[index + 1])
+    best, most = len(levels) - 1, -np.inf
+    for index, cost in enumerate(costs):
+        last = index + 1 == len(costs)
+        above = max(context.limit, cost) if last else costs[index + 1]
+        if not last and above < _AS_TOLERANT * cost:
+            continue
+        room = float(np.log(above / cost))
+        if room > most + 1e-9:
+            best, most = index, room
+    return best
+
+
+def continuous_levels(context: SearchContext, direction: FloatArray, point: FloatArray) -> list[Hypothesis]:
+    """The continuous groups about an axis that hold, each within the next: `Cinfv`, `Dinfh`, `Kh`."""
+    levels: list[Hypothesis] = []
+    centre = point + direction * (direction @ (context.centre - point))
+    frame = frame_of(direction, direction)
+    for name in CONTINUOUS:
+        hypothesis = Hypothesis(point_group(name), frame, centre).measured(context).fitted(context, stride=4)
+        believed = (
+            hypothesis.coverage >= context.settings.least_coverage
+            and hypothesis.contradicting <= context.settings.most_contradicting
+        )
+        if hypothesis.rms > context.limit or not believed:
+            break
+        levels.append(hypothesis)
+        frame, centre = hypothesis.frame, hypothesis.centre
+    return levels
+
+
+def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypothesis) -> bool:
+    """Whether a finite group explains the shape distinctly better than the continuous one that it is a part of.
+
+    Rotations by its orders about the continuous axes then fit, and arbitrary ones do not. Differences of the size of
+    facets do not count: a cylinder drawn with many segments is meant to be round.
+    """
+    directions = finite.directions
+    orders = np.array(finite.group.orders, dtype=np.int64)
+    about = np.ones(len(orders), dtype=np.bool_)
+    if continuous.name != "Kh":
+        about = np.abs(directions @ continuous.axis) > _PARALLEL
+    if not about.any():
+        return False
+    samples, settings = context.judging, context.settings
+    axis, order = directions[about][0], int(orders[about][0])
+    angles = 2.0 * np.pi / order * np.array([1, max(1, order // 2)])
+    own = Operations.rotations(np.tile(axis, (2, 1)), finite.centre, angles)
+    arbitrary = Operations.rotations(np.tile(axis, (len(ARBITRARY_ANGLES), 1)), finite.centre, ARBITRARY_ANGLES)
+    if continuous.name == "Kh":
+        arbitrary = Operations.joined([arbitrary, continuous.generators])
+    arm = samples.points - finite.centre
+    radius = float(np.sqrt(np.square(arm - np.outer(arm @ axis, axis)).sum(1).max()))
+    facets = (settings.sphere_deviation if continuous.name == "Kh" else settings.round_deviation) * radius
+    cut = settings.truncation**2
+    squared = np.minimum(context.meter.measure(own, samples).squared, cut).mean(0)
+    others = np.minimum(context.meter.measure(arbitrary, samples).squared, cut)
+    others = np.where(others <= facets * facets, np.minimum(others, squared), others).mean(0)
+    return explains_better(squared, others, settings)
+
+
+def with_round(
+    context: SearchContext, rungs: Sequence[Hypothesis], continuous: Sequence[Hypothesis]
+) -> list[Hypothesis]:
+    """Finite and continuous levels together, without those that another one explains away."""
+    levels = list(continuous)
+    while levels:
+        turning = [rung for rung in rungs if _turns_about(rung, levels[-1])]
+        if not turning or not against_round(context, turning[-1], levels[-1]):
+            return [*(rung for rung in rungs if rung not in turning), *levels]
+        levels = levels[:-1] if levels[-1].name == "Kh" else []
+    return list(rungs)
+
+
+def _turns_about(finite: Hypothesis, continuous: Hypothesis) -> bool:
+    if continuous.name == "Kh":
+        return len(finite.group.directions) > 0
+    return bool((np.abs(finite.directions @ continuous.axis) > _PARALLEL).any())
