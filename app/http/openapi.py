@@ -48,6 +48,8 @@ _EXAMPLE_PLANE = {
     "matrix": [[-1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
     "symmetry_error": 1.2e-17,
     "rms_distance": 4.5e-9,
+    "max_distance": 2.1e-8,
+    "coverage": 1.0,
     "exact": True,
     "continuous": False,
 }
