@@ -164,7 +164,7 @@ def pause(response: httpx.Response | None, attempt: int) -> float:
     return min(own, _LONGEST_PAUSE_S)
 
 
-class Settings:
+class ClientConfig:
     """What both clients are made from."""
 
     def __init__(

@@ -18,8 +18,8 @@ import httpx
 
 from app.client.calls import (
     Call,
+    ClientConfig,
     CompletedFile,
-    Settings,
     Source,
     checked,
     complete_call,
@@ -59,8 +59,8 @@ class Client:
         retries: int = 4,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
-        self._settings = Settings(url, api_key, timeout, retries, transport)
-        self._http = httpx.Client(**self._settings.arguments)
+        self._config = ClientConfig(url, api_key, timeout, retries, transport)
+        self._http = httpx.Client(**self._config.arguments)
 
     def __enter__(self) -> Self:
         return self
@@ -126,15 +126,15 @@ class Client:
             return False
 
     def _send(self, call: Call) -> httpx.Response:
-        for attempt in range(self._settings.retries + 1):
+        for attempt in range(self._config.retries + 1):
             response = None
             with call.arguments() as arguments:
                 try:
                     response = self._http.request(call.method, call.path, **arguments)
                 except httpx.TransportError as error:
-                    if failure := self._settings.unreachable(error, attempt):
+                    if failure := self._config.unreachable(error, attempt):
                         raise failure from error
-            if response is not None and self._settings.final(response, attempt):
+            if response is not None and self._config.final(response, attempt):
                 return checked(response)
             time.sleep(pause(response, attempt))
         raise AssertionError("the last attempt returns or raises")
@@ -152,8 +152,8 @@ class AsyncClient:
         retries: int = 4,
         transport: httpx.AsyncBaseTransport | None = None,
     ) -> None:
-        self._settings = Settings(url, api_key, timeout, retries, transport)
-        self._http = httpx.AsyncClient(**self._settings.arguments)
+        self._config = ClientConfig(url, api_key, timeout, retries, transport)
+        self._http = httpx.AsyncClient(**self._config.arguments)
 
     async def __aenter__(self) -> Self:
         return self
@@ -220,15 +220,15 @@ class AsyncClient:
             return False
 
     async def _send(self, call: Call) -> httpx.Response:
-        for attempt in range(self._settings.retries + 1):
+        for attempt in range(self._config.retries + 1):
             response = None
             with call.arguments() as arguments:
                 try:
                     response = await self._http.request(call.method, call.path, **arguments)
                 except httpx.TransportError as error:
-                    if failure := self._settings.unreachable(error, attempt):
+                    if failure := self._config.unreachable(error, attempt):
                         raise failure from error
-            if response is not None and self._settings.final(response, attempt):
+            if response is not None and self._config.final(response, attempt):
                 return checked(response)
             await asyncio.sleep(pause(response, attempt))
         raise AssertionError("the last attempt returns or raises")

@@ -20,8 +20,8 @@ from app.workers.wire import Job
 T = TypeVar("T")
 
 
-async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
-    """What there is to say about the mesh that a request brings; ``wanted`` are members of `Job`.
+async def process_upload(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
+    """Read the mesh of a request, and have it worked on; ``wanted`` are members of `Job`.
 
     Raises:
         ProblemError: there is no answer, and why.
@@ -31,7 +31,7 @@ async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
     seconds = runtime.settings.deadline_s
     try:
         async with asyncio.timeout(seconds):
-            return await _answer(request, runtime, wanted)
+            return await _process(request, runtime, wanted)
     except TimeoutError as error:
         raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
     except TookTooLongError as error:
@@ -42,7 +42,7 @@ async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
         raise ProblemError(WORKER_LOST, WORKER_LOST.example, {"Retry-After": "1"}) from error
 
 
-async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
+async def _process(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
     settings = runtime.settings
     _ = runtime.card  # refused with not-ready before anything is read, and a full queue likewise
     runtime.pool.require_room()

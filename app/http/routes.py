@@ -8,7 +8,7 @@ from fastapi.responses import Response
 from app import __version__, queries, schemas
 from app.http import answers, openapi
 from app.http.auth import require_key
-from app.http.handler import answer
+from app.http.handler import process_upload
 from app.http.metrics import CONTENT_TYPE
 from app.http.runtime import Runtime
 
@@ -30,7 +30,7 @@ async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()
     choice = answers.wanted_format(query, request.headers.get("accept"))
     include = list(dict.fromkeys([*query.include, *choice.output.include]))
     geometry = choice.output.name if choice.output.mesh is not None else None
-    result = await answer(
+    result = await process_upload(
         request,
         runtime,
         task="detect",
@@ -47,7 +47,7 @@ async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()
 @router.post("/complete", dependencies=KEY, **openapi.COMPLETE)
 async def complete(request: Request, query: Annotated[queries.CompleteQuery, Query()], runtime: RuntimeOf) -> Response:
     """Complete one mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
-    result = await answer(
+    result = await process_upload(
         request,
         runtime,
         task="complete",
