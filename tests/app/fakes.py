@@ -95,7 +95,15 @@ class FakeDetector:
         if self.warm_failure:
             raise self.warm_failure
 
-    def detect(self, mesh: Any, *, mode: str = "full", max_error: float = 4e-4) -> Detection:
+    def detect(
+        self,
+        mesh: Any,
+        *,
+        mode: str = "full",
+        max_error: float = 4e-4,
+        level: str = "auto",
+        tolerance: float | None = None,
+    ) -> Detection:
         if len(mesh.faces) != self._warm:
             self._reported.put({"mode": mode, "max_error": max_error, "pid": os.getpid()})
             while not self._told.empty():

@@ -91,7 +91,7 @@ def test_the_wheel_has_the_built_viewer_and_not_its_sources() -> None:
     packages = find_namespace_packages(str(ROOT), **tool["packages"]["find"])
     assert "app" in packages
     assert [name for name in packages if name.startswith("app.viewer")] == []
-    assert tool["package-data"]["app"] == ["static/**"]
+    assert tool["package-data"]["app"] == ["py.typed", "static/**"]
     assert len(list((BUILT / "examples").iterdir())) >= 16
     assert "MIT" in (BUILT / "three-LICENSE.txt").read_text(encoding="utf-8")
 

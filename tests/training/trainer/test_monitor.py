@@ -84,9 +84,9 @@ def test_a_network_that_ignores_its_input_is_noticed(
     monkeypatch.setattr(
         PRSNet, "forward", lambda network, voxels: forward(network, voxels[:1].expand_as(voxels).contiguous())
     )
-    with pytest.raises(CollapseError, match="have not moved with the input"):
+    with pytest.raises(CollapseError, match="have not depended on the input"):
         fit(TINY, prepared, tmp_path / "dead", device="cpu", log_every=4)
-    assert "warning: the predicted planes have not moved with the input" in (tmp_path / "dead" / "log.txt").read_text()
+    assert "warning: the predicted planes have not depended on the input" in (tmp_path / "dead" / "log.txt").read_text()
     # On the command line: a sentence and a status, no traceback.
     (tmp_path / "r.toml").write_text(
         'name = "r"\n[network]\nresolution = 8\n[loss]\nsamples = 50\n[optimizer]\nbatch = 8\n'
