@@ -49,13 +49,6 @@ def test_detect_documents_request_and_answer(document: dict[str, Any]) -> None:
     assert set(operation["responses"]) == {"200", "400", "401", "406", "408", "413", "415", "422", "500", "503", "504"}
     names = {parameter["name"] for parameter in operation["parameters"]}
     assert names == {"mode", "max_error", "level", "tolerance", "include", "format"}
-        "mode",
-        "max_error",
-        "level",
-        "tolerance",
-        "include",
-        "format",
-    }
     assert operation["requestBody"]["content"]["multipart/form-data"]["schema"]["required"] == ["file"]
     content = operation["responses"]["200"]["content"]["application/json"]
     assert content["schema"] == {"$ref": "#/components/schemas/DetectResponse"}
