@@ -146,6 +146,9 @@ def test_a_network_with_another_layer_gives_the_same_planes_too():
     torch.testing.assert_close(ours[1], quaternions)
 
 
+@pytest.mark.skipif(
+    not torch.ops.mkldnn._is_mkldnn_bf16_supported(), reason="no instructions for bfloat16, which is never used then"
+)
 def test_bfloat16_moves_planes_by_fractions_of_a_degree():
     checkpoint = load_checkpoint("default")
     flips = np.array(list(product((False, True), repeat=3)))
