@@ -4,7 +4,6 @@ Imports stand inside the commands: `fit` must start on a machine that has no mes
 """
 
 import os
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -58,7 +57,10 @@ def label(
     prepared: Annotated[Path, typer.Argument(help="A prepared set; the labels are written into it.")],
     method: Annotated[
         str,
-        typer.Option(help="scan: full mode without a network; pca: refined planes of PCA; groundtruth: from a file."),
+        typer.Option(
+            help="scan: full mode without a network; pca, kazhdan, ...: refined planes of a classical method; "
+            "groundtruth: from a file."
+        ),
     ] = "scan",
     truth: Annotated[
         Path | None, typer.Option("--groundtruth", help="The file that `groundtruth` wrote of the same folders.")
@@ -198,32 +200,32 @@ def export(
 @app.command()
 def evaluate(
     folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; a ground_truth.json beside them is used.")],
-    weights: Annotated[list[str] | None, typer.Option(help="Weights to judge; may be repeated.")] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            help="What to set side by side, separated by commas: full, paper, raw (with :WEIGHTS), a classical method, "
+            "exhaustive; +refined or +validated behind one; ablation. What else there is an unknown name tells."
+        ),
+    ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
     damage: Annotated[
         str,
         typer.Option(
-            help="clean: pose as in the file; in random poses: rotated, noisy, partial (a ball missing), decimated."
+            help="clean: pose as in the file; in random poses: rotated, noisy, partial (a ball missing), ball25, "
+            "ball35, depth1 and depth3 (what so many depth images see), decimated."
         ),
     ] = "rotated",
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")] = None,
-    mode: Annotated[str, typer.Option(help="paper: the network and its validation; full: all symmetries.")] = "paper",
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write figures and records here.")] = None,
     ground_truth: Annotated[
         Path | None,
         typer.Option(
             "--groundtruth", help="File that `groundtruth` wrote; what it lacks is searched for, seconds a shape."
         ),
     ] = None,
-    methods: Annotated[
-        str, typer.Option(help="Full mode: what to set side by side, separated by commas.")
-    ] = "full,paper,pca,random,exhaustive",
-    max_error: Annotated[float, typer.Option(help="Full mode: threshold on the symmetry error (SDE).")] = 4e-4,
-    exhaustive_limit: Annotated[
-        int, typer.Option(min=0, help="Full mode: shapes, drawn at random, that the exhaustive search gets.")
-    ] = 40,
-    ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
+    max_error: Annotated[float, typer.Option(help="Threshold on the symmetry error (SDE).")] = 4e-4,
+    symmetric: Annotated[bool, typer.Option(help="Only shapes with a clear plane.")] = False,
     by: Annotated[
         str | None,
         typer.Option(help="Also tables by source, by unseen sources, or by a column of the manifest, such as kind."),
@@ -231,25 +233,16 @@ def evaluate(
     manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
     progress: Verbose = True,
 ) -> None:
-    """Judge raw networks and paper mode, or full mode, beside other methods: exact distances, one table."""
-    if mode not in ("paper", "full"):
-        raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
-    from training.evaluation import full_command, network_command
-    from training.evaluation.full_evaluation import Options as FullOptions
-    from training.evaluation.networks import Options as NetworkOptions
+    """Judge networks, the detector's modes and classical methods side by side: exact distances, one report."""
+    from training.evaluation.command import run
+    from training.evaluation.evaluate import Options
+    from training.evaluation.registry import DEFAULT_METHODS
 
     try:
-        if mode == "full":
-            if len(weights or []) > 1:
-                raise ValueError("full mode is judged with one set of weights")
-            options = FullOptions(
-                damage, tuple(methods.split(",")), (weights or ["default"])[0], max_error, seed, exhaustive_limit
-            )
-            judge = partial(full_command.run, folders, options, with_ablation=ablation)
-        else:
-            judged = NetworkOptions(tuple(weights or ["default", "paper"]), damage, seed)
-            judge = partial(network_command.run, folders, judged)
-        text = judge(
+        names = DEFAULT_METHODS if methods is None else tuple(methods.split(","))
+        text = run(
+            folders,
+            Options(damage, names, max_error, seed, symmetric),
             by=by,
             manifest=manifest,
             json_file=json_file,

@@ -1,0 +1,157 @@
+"""One shape shown to every method, and what is kept of each answer: the record that reports are made of."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from model.geometry.frames import UnitFrame
+from model.geometry.sampling import sample_surface
+from model.geometry.surface import SurfaceIndex
+from model.geometry.transforms import reflect, rotation_matrix
+from model.meshes.mesh import Mesh
+from model.types import FloatArray, IntArray
+from training.evaluation.corruptions import CorruptedShape, corrupt
+from training.evaluation.matching import (
+    Found,
+    FoundAxis,
+    angle_between,
+    clear,
+    clear_axes_found,
+    clear_planes_found,
+    ground_truth_error,
+    match,
+    nearest_clear_plane,
+)
+from training.evaluation.method import Answer, Method
+from training.oracle.truth import Truth
+
+ROUGH_ANGLE, ROUGH_DISTANCE = 5.0, 0.05
+"""Degrees, and distance in the unit frame, within which a true plane or axis counts as roughly met."""
+
+_JUDGE_SAMPLES, _FRESH_SAMPLES = 1500, 2000
+_JUDGE_SEED, _FRESH_SEED = 7919, 104729
+_SWEEP = 12
+"""Angles a continuous axis is judged at; the worst counts."""
+
+
+def judge(
+    mesh: Mesh, truth: Truth, damage: str, seed: tuple[int, int], methods: Mapping[str, Method]
+) -> dict[str, Any]:
+    """Show one shape to every method.
+
+    Args:
+        mesh: the intact shape.
+        truth: what is known of it, in its unit frame.
+        damage: one of `training.evaluation.corruptions.DAMAGES`.
+        seed: of the evaluation, and the index of the shape.
+        methods: by name.
+
+    Returns:
+        ``faces`` (of the file), ``shown_faces``, ``clear_planes``, ``clear_axes`` (numbers of), ``truth_planes``,
+        ``shown_sde`` (errors of the clear planes on the mesh as it is shown), ``listed`` (true planes and axes of any
+        error) and ``methods``: a record each, see `_record`.
+    """
+    shown = corrupt(mesh.vertices, mesh.faces, damage, *seed)
+    intact = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
+    whole = _Judge(intact, mesh.faces, _JUDGE_SAMPLES, _JUDGE_SEED)
+    frame = UnitFrame.of(shown.vertices, shown.faces)
+    seen = _Judge(frame.to_unit(shown.vertices), shown.faces, _FRESH_SAMPLES, _FRESH_SEED)
+    certain = clear(truth)
+    records: dict[str, Any] = {}
+    for name, method in methods.items():
+        shape = Mesh.checked(shown.vertices, shown.faces)
+        started = time.process_time()
+        answer = method(shape, seed)
+        spent = 1e3 * (time.process_time() - started)
+        found = answer.found
+        fresh = [seen.plane(frame.plane_to_unit(plane)) for plane in found.planes]
+        fresh += [seen.axis(axis.direction, frame.to_unit(axis.point), axis.order) for axis in found.axes]
+        records[name] = _record(answer, _to_unit(shown, found), truth, certain, whole) | {
+            "title": method.title,
+            "fresh_sde": fresh,
+            "ms": spent,
+        }
+    return {
+        "faces": len(mesh.faces),
+        "shown_faces": len(shown.faces),
+        "clear_planes": len(certain.planes),
+        "clear_axes": len(certain.axes),
+        "truth_planes": len(truth.planes),
+        "shown_sde": [
+            seen.plane(frame.plane_to_unit(plane)) for plane in shown.similarity.planes_to_shown(certain.planes)
+        ],
+        "listed": len(truth.planes) + len(truth.axes),
+        "methods": records,
+    }
+
+
+def _to_unit(shown: CorruptedShape, found: Found) -> Found:
+    """An answer for the shape as shown, in the unit frame of the intact one."""
+    similarity = shown.similarity
+    axes = [
+        FoundAxis(similarity.directions_to_unit(axis.direction), similarity.points_to_unit(axis.point), axis.order)
+        for axis in found.axes
+    ]
+    return Found(similarity.planes_to_unit(found.planes), axes)
+
+
+def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "_Judge") -> dict[str, Any]:
+    """What is kept of an answer; ``found`` in the unit frame of the intact shape, errors on the intact shape.
+
+    ``gte`` and ``gte_angle`` (degrees) are those of the best plane by SDE against the closest clear one,
+    ``gte_closest`` the smallest GTE of any plane; None where there is no clear plane or nothing was returned.
+    """
+    to_clear, to_all = match(certain, found), match(truth, found)
+    errors = [whole.plane(plane) for plane in found.planes]
+    gte = gte_angle = gte_closest = None
+    best = found.planes[int(np.argmin(errors))] if errors else None
+    nearest = None if best is None else nearest_clear_plane(truth, best)
+    if best is not None and nearest is not None:
+        gte = float(np.square(nearest - best).sum())
+        gte_angle = angle_between(best[:3], nearest[:3])
+        gte_closest = min(error for plane in found.planes if (error := ground_truth_error(truth, plane)) is not None)
+    return {
+        "planes": found.planes.tolist(),
+        "axes": [
+            {"direction": axis.direction.tolist(), "point": axis.point.tolist(), "order": axis.order}
+            for axis in found.axes
+        ],
+        "plane_sde": errors,
+        "gte": gte,
+        "gte_angle": gte_angle,
+        "gte_closest": gte_closest,
+        "planes_found": to_clear.planes.tolist(),
+        "planes_roughly": clear_planes_found(truth, found.planes, ROUGH_ANGLE, ROUGH_DISTANCE),
+        "angles": to_clear.angles[to_clear.planes].tolist(),
+        "axes_found": to_clear.axes.tolist(),
+        "axes_roughly": clear_axes_found(truth, found.axes, ROUGH_ANGLE, ROUGH_DISTANCE),
+        "orders_found": to_clear.orders.tolist(),
+        "dominant": bool(to_clear.true_planes[:1].any()),
+        "unlisted": int((~to_all.true_planes).sum() + (~to_all.true_axes).sum()),
+        "stages": answer.stages,
+        "point_group": answer.point_group,
+        "exact": answer.exact,
+    }
+
+
+class _Judge:
+    """Symmetry errors on samples of one surface, in its unit frame."""
+
+    def __init__(self, vertices: FloatArray, faces: IntArray, count: int, seed: int) -> None:
+        self._surface = SurfaceIndex(vertices, faces)
+        self._samples, _ = sample_surface(vertices, faces, count, seed=seed)
+
+    def plane(self, plane: FloatArray) -> float:
+        return self._surface.mean_squared_distance(reflect(self._samples, plane))
+
+    def axis(self, direction: FloatArray, point: FloatArray, order: int | None) -> float:
+        """SDE of the rotation by 2π/``order``; of a continuous axis the largest over some angles."""
+        if order is not None:
+            angles = [2.0 * np.pi / order]
+        else:
+            angles = [2.0 * np.pi * (step - 0.38) / (2 * _SWEEP + 1) for step in range(1, _SWEEP + 1)]
+        arms = self._samples - point
+        turned = (arms @ rotation_matrix(direction, angle).T + point for angle in angles)
+        return max(self._surface.mean_squared_distance(points) for points in turned)
