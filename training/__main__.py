@@ -226,6 +226,10 @@ def evaluate(
     ] = None,
     max_error: Annotated[float, typer.Option(help="Threshold on the symmetry error (SDE).")] = 4e-4,
     symmetric: Annotated[bool, typer.Option(help="Only shapes with a clear plane.")] = False,
+    recorded: Annotated[
+        Path | None,
+        typer.Option(help="CSV file of planes that other programs found: judged beside, on the meshes it names."),
+    ] = None,
     by: Annotated[
         str | None,
         typer.Option(help="Also tables by source, by unseen sources, or by a column of the manifest, such as kind."),
@@ -242,7 +246,7 @@ def evaluate(
         names = DEFAULT_METHODS if methods is None else tuple(methods.split(","))
         text = run(
             folders,
-            Options(damage, names, max_error, seed, symmetric),
+            Options(damage, names, max_error, seed, symmetric, recorded=str(recorded or "")),
             by=by,
             manifest=manifest,
             json_file=json_file,

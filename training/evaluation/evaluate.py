@@ -22,6 +22,7 @@ from model.paper.validation import MAX_ERROR
 from training.evaluation.corruptions import DAMAGES
 from training.evaluation.judging import judge
 from training.evaluation.method import Method
+from training.evaluation.recorded import RecordedPlanes, read_recorded
 from training.evaluation.registry import DEFAULT_METHODS, build, expand
 from training.layouts import SourceFile, find_meshes, parse
 from training.oracle.known_truth import truth_of, written_entry
@@ -40,6 +41,8 @@ class Options:
         seed: of poses, damage, and of the draw of shapes.
         symmetric: leave out shapes that are known to have no clear plane.
         words: leave out shapes whose name has none of these; empty: take all.
+        recorded: a file of `training.evaluation.recorded`, empty for none: its planes are judged too, and shapes that
+            it does not name are left out. Only for whole shapes: damage ``clean`` or ``rotated``.
     """
 
     damage: str = "rotated"
@@ -48,6 +51,7 @@ class Options:
     seed: int = 0
     symmetric: bool = False
     words: tuple[str, ...] = ()
+    recorded: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,7 @@ class _Job:
     source: SourceFile
     index: int
     truth: Truth | None
+    recorded: Mapping[str, RecordedPlanes]
     options: Options
 
 
@@ -92,10 +97,15 @@ def evaluate(
     if options.damage not in DAMAGES:
         raise ValueError(f"damage is one of {', '.join(DAMAGES)}, not {options.damage!r}")
     known: Mapping[str, Truth] = load(ground_truth) if ground_truth is not None else {}
-    sources = _drawn(folders, options, known, limit)
+    recorded = read_recorded(Path(options.recorded)) if options.recorded else {}
+    if recorded and options.damage not in ("clean", "rotated"):
+        raise ValueError("recorded planes are those of whole shapes: damage is clean or rotated")
+    sources = _drawn(folders, options, known, recorded, limit)
     records = _resumed(resume, options)
     jobs = [
-        _Job(source, index, known.get(source.name), options) for index, source in sources if source.name not in records
+        _Job(source, index, known.get(source.name), recorded.get(source.name, {}), options)
+        for index, source in sources
+        if source.name not in records
     ]
     for record in tqdm(spread(_judge_file, jobs, workers, chunk=2), total=len(jobs), unit="mesh", disable=not progress):
         records[record["name"]] = record
@@ -107,12 +117,18 @@ def evaluate(
 
 
 def _drawn(
-    folders: Sequence[Path], options: Options, known: Mapping[str, Truth], limit: int | None
+    folders: Sequence[Path],
+    options: Options,
+    known: Mapping[str, Truth],
+    recorded: Mapping[str, Any],
+    limit: int | None,
 ) -> list[tuple[int, SourceFile]]:
     """The shapes to judge, each with its place among all, which decides its pose."""
     sources = list(enumerate(find_meshes(folders)))
     if options.words:
         sources = [pair for pair in sources if any(word in pair[1].name for word in options.words)]
+    if recorded:
+        sources = [pair for pair in sources if pair[1].name in recorded]
     if options.symmetric:
         sources = [pair for pair in sources if _may_be_symmetric(pair[1], known)]
     if not sources:
@@ -170,4 +186,5 @@ def _judge_file(job: _Job) -> dict[str, Any]:
     if options.symmetric and not len(truth.clear_planes()):
         return head | {"skipped": "it has no clear plane"}
     methods = _methods(options.methods, options.max_error)
-    return head | {"group": group} | judge(mesh, truth, options.damage, (options.seed, job.index), methods)
+    seed = options.seed, job.index
+    return head | {"group": group} | judge(mesh, truth, options.damage, seed, methods, job.recorded)

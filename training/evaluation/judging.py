@@ -25,6 +25,7 @@ from training.evaluation.matching import (
     nearest_clear_plane,
 )
 from training.evaluation.method import Answer, Method
+from training.evaluation.recorded import RecordedPlanes
 from training.oracle.truth import Truth
 
 ROUGH_ANGLE, ROUGH_DISTANCE = 5.0, 0.05
@@ -37,7 +38,12 @@ _SWEEP = 12
 
 
 def judge(
-    mesh: Mesh, truth: Truth, damage: str, seed: tuple[int, int], methods: Mapping[str, Method]
+    mesh: Mesh,
+    truth: Truth,
+    damage: str,
+    seed: tuple[int, int],
+    methods: Mapping[str, Method],
+    recorded: Mapping[str, RecordedPlanes] | None = None,
 ) -> dict[str, Any]:
     """Show one shape to every method.
 
@@ -47,6 +53,7 @@ def judge(
         damage: one of `training.evaluation.corruptions.DAMAGES`.
         seed: of the evaluation, and the index of the shape.
         methods: by name.
+        recorded: planes of other programs for the intact shape, by their name.
 
     Returns:
         ``faces`` (of the file), ``shown_faces``, ``clear_planes``, ``clear_axes`` (numbers of), ``truth_planes``,
@@ -54,8 +61,8 @@ def judge(
         error) and ``methods``: a record each, see `_record`.
     """
     shown = corrupt(mesh.vertices, mesh.faces, damage, *seed)
-    intact = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
-    whole = _Judge(intact, mesh.faces, _JUDGE_SAMPLES, _JUDGE_SEED)
+    intact_frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    whole = _Judge(intact_frame.to_unit(mesh.vertices), mesh.faces, _JUDGE_SAMPLES, _JUDGE_SEED)
     frame = UnitFrame.of(shown.vertices, shown.faces)
     seen = _Judge(frame.to_unit(shown.vertices), shown.faces, _FRESH_SAMPLES, _FRESH_SEED)
     certain = clear(truth)
@@ -73,6 +80,10 @@ def judge(
             "fresh_sde": fresh,
             "ms": spent,
         }
+    for name, given in (recorded or {}).items():
+        planes = np.array([intact_frame.plane_to_unit(plane) for plane in given.planes]).reshape(-1, 4)
+        record = _record(Answer(Found(planes)), Found(planes), truth, certain, whole)
+        records[name] = record | {"title": name, "fresh_sde": record["plane_sde"], "ms": given.milliseconds}
     return {
         "faces": len(mesh.faces),
         "shown_faces": len(shown.faces),
