@@ -261,6 +261,56 @@ def evaluate(
 
 
 @app.command()
+def reproduce(
+    experiment: Annotated[
+        str, typer.Argument(help="A table or figure of the paper, as `list` lists them, or a TOML file.")
+    ],
+    folders: Annotated[
+        list[Path] | None, typer.Argument(help="Folders of meshes; without any, procedural shapes are made.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of results; reproduced/EXPERIMENT.")] = None,
+    ground_truth: Annotated[Path | None, typer.Option("--groundtruth", help="File that `groundtruth` wrote.")] = None,
+    recorded: Annotated[Path | None, typer.Option(help="CSV file of planes that other programs found.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Judge so many shapes instead of its own number.")] = None,
+    train_limit: Annotated[int | None, typer.Option(min=8, help="Train on so many shapes at most.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of its own steps.")] = None,
+    methods: Annotated[str | None, typer.Option(help="Instead of its own, separated by commas.")] = None,
+    damage: Annotated[str | None, typer.Option(help="Instead of its own, separated by commas.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Reproduce a table of the paper on meshes at hand, every rival beside. Call it again to resume."""
+    from training.reproduction.experiment import Experiment, known_experiments
+    from training.reproduction.run import reproduce as run
+
+    if experiment == "list":
+        for name in known_experiments():
+            typer.echo(f"{name:20s} {Experiment.load(name).title}")
+        return
+    try:
+        text = run(
+            experiment,
+            folders or [],
+            out or Path("reproduced") / Path(experiment).stem,
+            ground_truth=ground_truth,
+            recorded=recorded,
+            limit=limit,
+            train_limit=train_limit,
+            steps=steps,
+            methods=methods.split(",") if methods else (),
+            damages=damage.split(",") if damage else (),
+            seed=seed,
+            workers=workers,
+            progress=progress,
+            tell=lambda line: typer.echo(line, err=True),
+        )
+    except (ValueError, OSError) as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(text)
+
+
+@app.command()
 def groundtruth(
     folders: Annotated[list[Path], typer.Argument(help="Folders of meshes.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="JSON file to write, all in each shape's unit frame.")],

@@ -1,7 +1,8 @@
 """Classical baselines as methods of an evaluation, and what may be done with the planes of any method."""
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +41,29 @@ class Classical:
         return Answer(Found(_to_input(frame, planes)))
 
 
+@dataclass(slots=True)
+class Reused:
+    """A method that keeps its last answer, for what is done with the planes of one that has just run on its own."""
+
+    method: Method
+    _last: tuple[Mesh, Sequence[int], Answer] | None = None
+
+    @property
+    def title(self) -> str:
+        """What a table calls it."""
+        return self.method.title
+
+    def __call__(self, mesh: Mesh, seed: Sequence[int]) -> Answer:
+        """`training.evaluation.method.Method`; of the same mesh object the answer is that of the last call."""
+        if self._last is not None and self._last[0] is mesh and self._last[1] == seed:
+            return self._last[2]
+        started = time.process_time()
+        answer = self.method(mesh, seed)
+        spent = 1e3 * (time.process_time() - started)
+        self._last = mesh, seed, replace(answer, reused_ms=answer.reused_ms + spent)
+        return answer
+
+
 @dataclass(frozen=True, slots=True)
 class Refined:
     """The planes of another method refined on exact distances, rid of doubles, judged on other samples.
@@ -59,7 +83,8 @@ class Refined:
         """`training.evaluation.method.Method`."""
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
-        planes = _to_unit(frame, self.method(mesh, seed).found.planes)
+        given = self.method(mesh, seed)
+        planes = _to_unit(frame, given.found.planes)
         surface = SurfaceIndex(vertices, mesh.faces)
         judge, _ = sample_surface(vertices, mesh.faces, _SAMPLES, seed=2)
         coarse, _ = sample_surface(vertices, mesh.faces, _START_SAMPLES, seed=3)
@@ -67,7 +92,7 @@ class Refined:
         for samples, limit in ((coarse, 2.0 * self.max_error), (fine, self.max_error)):
             if len(planes):
                 planes = _distinct(refine_planes(surface, samples, planes, _STEPS), surface, judge, limit)
-        return Answer(Found(_to_input(frame, planes)))
+        return Answer(Found(_to_input(frame, planes)), reused_ms=given.reused_ms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +112,11 @@ class Validated:
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
         samples, _ = sample_surface(vertices, mesh.faces, _SAMPLES, seed=2)
-        planes = _to_unit(frame, self.method(mesh, seed).found.planes)
+        given = self.method(mesh, seed)
+        planes = _to_unit(frame, given.found.planes)
         judged = validate_planes(planes, SurfaceIndex(vertices, mesh.faces), samples, self.max_error)
         kept = np.array([item.vector for item in judged if item.reason is None]).reshape(-1, 4)
-        return Answer(Found(_to_input(frame, kept)))
+        return Answer(Found(_to_input(frame, kept)), reused_ms=given.reused_ms)
 
 
 @dataclass(frozen=True, slots=True)

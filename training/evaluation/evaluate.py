@@ -6,7 +6,7 @@ seen. `report` turns the records into tables.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -72,6 +72,7 @@ def evaluate(
     workers: int = 1,
     resume: Path | None = None,
     progress: bool = True,
+    only: Callable[[str], bool] | None = None,
 ) -> list[dict[str, Any]]:
     """Judge the methods on the meshes below ``folders``.
 
@@ -85,6 +86,7 @@ def evaluate(
         resume: a file that takes every record as soon as it is made; what it holds from an interrupted call with the
             same options is not judged again.
         progress: show a bar.
+        only: says of a name whether the shape may be judged; None: every shape may.
 
     Returns:
         one record of plain values a shape, sorted by name (`training.evaluation.judging.judge`); those that could not
@@ -100,7 +102,8 @@ def evaluate(
     recorded = read_recorded(Path(options.recorded)) if options.recorded else {}
     if recorded and options.damage not in ("clean", "rotated"):
         raise ValueError("recorded planes are those of whole shapes: damage is clean or rotated")
-    sources = _drawn(folders, options, known, recorded, limit)
+    sources = [pair for pair in enumerate(find_meshes(folders)) if only is None or only(pair[1].name)]
+    sources = _drawn(sources, options, known, recorded, limit)
     records = _resumed(resume, options)
     jobs = [
         _Job(source, index, known.get(source.name), recorded.get(source.name, {}), options)
@@ -117,14 +120,13 @@ def evaluate(
 
 
 def _drawn(
-    folders: Sequence[Path],
+    sources: list[tuple[int, SourceFile]],
     options: Options,
     known: Mapping[str, Truth],
     recorded: Mapping[str, Any],
     limit: int | None,
 ) -> list[tuple[int, SourceFile]]:
     """The shapes to judge, each with its place among all, which decides its pose."""
-    sources = list(enumerate(find_meshes(folders)))
     if options.words:
         sources = [pair for pair in sources if any(word in pair[1].name for word in options.words)]
     if recorded:

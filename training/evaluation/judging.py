@@ -1,7 +1,7 @@
 """One shape shown to every method, and what is kept of each answer: the record that reports are made of."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,9 @@ ROUGH_ANGLE, ROUGH_DISTANCE = 5.0, 0.05
 
 _JUDGE_SAMPLES, _FRESH_SAMPLES = 1500, 2000
 _JUDGE_SEED, _FRESH_SEED = 7919, 104729
+_GONE = 0.02
+"""Unit frame: surface farther than this from the mesh as shown is missing. Noise and decimation stay below."""
+
 _SWEEP = 12
 """Angles a continuous axis is judged at; the worst counts."""
 
@@ -57,8 +60,9 @@ def judge(
 
     Returns:
         ``faces`` (of the file), ``shown_faces``, ``clear_planes``, ``clear_axes`` (numbers of), ``truth_planes``,
-        ``shown_sde`` (errors of the clear planes on the mesh as it is shown), ``listed`` (true planes and axes of any
-        error) and ``methods``: a record each, see `_record`.
+        ``shown_sde`` (errors of the clear planes on the mesh as it is shown), ``completion_possible`` (the error of the
+        missing part mirrored in the best clear plane; None where nothing is missing), ``listed`` (true planes and axes
+        of any error) and ``methods``: a record each, see `_record`.
     """
     shown = corrupt(mesh.vertices, mesh.faces, damage, *seed)
     intact_frame = UnitFrame.of(mesh.vertices, mesh.faces)
@@ -66,33 +70,37 @@ def judge(
     frame = UnitFrame.of(shown.vertices, shown.faces)
     seen = _Judge(frame.to_unit(shown.vertices), shown.faces, _FRESH_SAMPLES, _FRESH_SEED)
     certain = clear(truth)
+    hole = _missing_part(whole.samples, shown, frame, seen)
+    shape = Mesh.checked(shown.vertices, shown.faces)
     records: dict[str, Any] = {}
     for name, method in methods.items():
-        shape = Mesh.checked(shown.vertices, shown.faces)
         started = time.process_time()
         answer = method(shape, seed)
-        spent = 1e3 * (time.process_time() - started)
+        spent = 1e3 * (time.process_time() - started) + answer.reused_ms
         found = answer.found
         fresh = [seen.plane(frame.plane_to_unit(plane)) for plane in found.planes]
         fresh += [seen.axis(axis.direction, frame.to_unit(axis.point), axis.order) for axis in found.axes]
         records[name] = _record(answer, _to_unit(shown, found), truth, certain, whole) | {
             "title": method.title,
             "fresh_sde": fresh,
+            "completion": hole(found.planes[int(np.argmin(fresh[: len(found.planes)]))]) if len(found.planes) else None,
             "ms": spent,
         }
     for name, given in (recorded or {}).items():
         planes = np.array([intact_frame.plane_to_unit(plane) for plane in given.planes]).reshape(-1, 4)
         record = _record(Answer(Found(planes)), Found(planes), truth, certain, whole)
         records[name] = record | {"title": name, "fresh_sde": record["plane_sde"], "ms": given.milliseconds}
+    true_planes = shown.similarity.planes_to_shown(certain.planes)
     return {
         "faces": len(mesh.faces),
         "shown_faces": len(shown.faces),
         "clear_planes": len(certain.planes),
         "clear_axes": len(certain.axes),
         "truth_planes": len(truth.planes),
-        "shown_sde": [
-            seen.plane(frame.plane_to_unit(plane)) for plane in shown.similarity.planes_to_shown(certain.planes)
-        ],
+        "shown_sde": [seen.plane(frame.plane_to_unit(plane)) for plane in true_planes],
+        "completion_possible": min(
+            (error for plane in true_planes if (error := hole(plane)) is not None), default=None
+        ),
         "listed": len(truth.planes) + len(truth.axes),
         "methods": records,
     }
@@ -111,8 +119,8 @@ def _to_unit(shown: CorruptedShape, found: Found) -> Found:
 def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "_Judge") -> dict[str, Any]:
     """What is kept of an answer; ``found`` in the unit frame of the intact shape, errors on the intact shape.
 
-    ``gte`` and ``gte_angle`` (degrees) are those of the best plane by SDE against the closest clear one,
-    ``gte_closest`` the smallest GTE of any plane; None where there is no clear plane or nothing was returned.
+    ``gte`` and ``gte_angle`` (degrees) are those of the best plane by SDE against the closest clear one, ``nearest``;
+    ``gte_closest`` is the smallest GTE of any plane. None where there is no clear plane or nothing was returned.
     """
     to_clear, to_all = match(certain, found), match(truth, found)
     errors = [whole.plane(plane) for plane in found.planes]
@@ -130,6 +138,7 @@ def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "
             for axis in found.axes
         ],
         "plane_sde": errors,
+        "nearest": None if nearest is None else nearest.tolist(),
         "gte": gte,
         "gte_angle": gte_angle,
         "gte_closest": gte_closest,
@@ -147,15 +156,35 @@ def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "
     }
 
 
+def _missing_part(
+    samples: FloatArray, shown: CorruptedShape, frame: UnitFrame, seen: "_Judge"
+) -> Callable[[FloatArray], float | None]:
+    """How well a plane of the mesh as shown completes it: a function from the plane to an error.
+
+    The paper's application: what is missing is taken from the mirror image of what is there. A point of the missing
+    part is as far from that image as its own image is from what is there: the error is the root of the mean square of
+    these distances, unit frame of the mesh as shown. None where nothing is missing.
+    """
+    places = frame.to_unit(shown.similarity.to_shown(samples))
+    gone = places[seen.surface.squared_distances(places) > _GONE**2]
+
+    def error(plane: FloatArray) -> float | None:
+        if not len(gone):
+            return None
+        return float(np.sqrt(seen.surface.mean_squared_distance(reflect(gone, frame.plane_to_unit(plane)))))
+
+    return error
+
+
 class _Judge:
     """Symmetry errors on samples of one surface, in its unit frame."""
 
     def __init__(self, vertices: FloatArray, faces: IntArray, count: int, seed: int) -> None:
-        self._surface = SurfaceIndex(vertices, faces)
-        self._samples, _ = sample_surface(vertices, faces, count, seed=seed)
+        self.surface = SurfaceIndex(vertices, faces)
+        self.samples, _ = sample_surface(vertices, faces, count, seed=seed)
 
     def plane(self, plane: FloatArray) -> float:
-        return self._surface.mean_squared_distance(reflect(self._samples, plane))
+        return self.surface.mean_squared_distance(reflect(self.samples, plane))
 
     def axis(self, direction: FloatArray, point: FloatArray, order: int | None) -> float:
         """SDE of the rotation by 2π/``order``; of a continuous axis the largest over some angles."""
@@ -163,6 +192,6 @@ class _Judge:
             angles = [2.0 * np.pi / order]
         else:
             angles = [2.0 * np.pi * (step - 0.38) / (2 * _SWEEP + 1) for step in range(1, _SWEEP + 1)]
-        arms = self._samples - point
+        arms = self.samples - point
         turned = (arms @ rotation_matrix(direction, angle).T + point for angle in angles)
-        return max(self._surface.mean_squared_distance(points) for points in turned)
+        return max(self.surface.mean_squared_distance(points) for points in turned)

@@ -12,14 +12,15 @@ from training.evaluation.matching import Found
 class Answer:
     """What a method returned for a mesh, in the mesh's own coordinates.
 
-    Only detectors fill the rest: ``stages`` in wall-clock milliseconds, the ``point_group``, and which elements, planes
-    first, are called ``exact``.
+    Only detectors fill ``stages`` in wall-clock milliseconds, the ``point_group``, and which elements, planes first,
+    are called ``exact``. ``reused_ms``: CPU milliseconds of a part that was taken over from an earlier call.
     """
 
     found: Found
     stages: dict[str, float] = field(default_factory=dict[str, float])
     point_group: str | None = None
     exact: list[bool] | None = None
+    reused_ms: float = 0.0
 
 
 class Method(Protocol):

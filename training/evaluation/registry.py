@@ -8,10 +8,11 @@
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 from model.meshes.mesh import Mesh
 from training import baselines
-from training.evaluation.classical import Classical, Exhaustive, Refined, Validated
+from training.evaluation.classical import Classical, Exhaustive, Refined, Reused, Validated
 from training.evaluation.detectors import SOURCES, ablation, full_mode, paper_mode, raw_network
 from training.evaluation.method import Method
 from training.shapes.solids import box
@@ -53,19 +54,22 @@ def build(name: str, max_error: float) -> Method:
         ValueError: there is no such method.
     """
     base, argument, steps = _parse(name)
-    if base in _FACTORIES and argument.startswith("["):
-        method: Method = full_mode("default", max_error, argument[1:-1].split("+"))
-    elif base in _FACTORIES:
-        method = _FACTORIES[base](argument or "default", max_error)
-    elif base == "exhaustive":
-        method = Exhaustive(max_error)
-    else:
-        method = Classical(baselines.load(base))
+    method: Method = _base(base, argument, max_error)
     for step in steps:
         method = _STEPS[step](method, max_error)
     vertices, faces = box((1.0, 2.0, 3.0))
     method(Mesh.checked(vertices, faces), (0,))
     return method
+
+
+@lru_cache(maxsize=64)
+def _base(base: str, argument: str, max_error: float) -> Reused:
+    """One object for a method and for what is done with its planes: it need not run twice."""
+    if base in _FACTORIES and argument.startswith("["):
+        return Reused(full_mode("default", max_error, argument[1:-1].split("+")))
+    if base in _FACTORIES:
+        return Reused(_FACTORIES[base](argument or "default", max_error))
+    return Reused(Exhaustive(max_error) if base == "exhaustive" else Classical(baselines.load(base)))
 
 
 def _parse(name: str) -> tuple[str, str, list[str]]:

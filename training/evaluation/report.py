@@ -10,6 +10,9 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
 - *GTE*, *angle*: of the best plane against the closest clear one (`matching.nearest_clear_plane`). Of a shape that also
   has nearly true planes the best may be one of those, and far from any clear one; *closest plane* takes the returned
   plane with the smallest GTE instead.
+- *completion*: distance, unit frame, of the missing part from what mirroring puts in its place (the paper's
+  application), by the plane of least error on the mesh as shown, root-mean-square a shape; over the shapes whose
+  missing part has a mirror image at all. No plane counts 1.
 - *planes a shape*, *mean SDE returned*, *over t*: of all planes returned; the last on fresh samples of the mesh shown,
   axes included.
 - *ms*: CPU milliseconds, half and 95 % of the shapes stay below; on files of 3,000 to 6,000 faces besides.
@@ -40,6 +43,9 @@ MIDDLE_FACES = (3000, 6000)
 MISSING_GTE = 2.0
 """Of a shape that got no plane: the squared difference of two normals at a right angle."""
 
+COMPLETABLE = 1e-3
+"""The missing part has a mirror image when the best clear plane completes it to within this, unit frame."""
+
 Column = tuple[str, str, str]
 """The key of a figure, the column's title, and how a cell is formatted."""
 
@@ -55,6 +61,7 @@ BEST_PLANE: tuple[Column, ...] = (
     ("gte_median", "GTE median", "{:.1e}"),
     ("gte_closest", "GTE mean, closest plane", "{:.2e}"),
     ("gte_angle", "angle, median °", "{:.2g}"),
+    ("completion", "completion, mean error", "{:.2e}"),
     ("planes", "planes a shape", "{:.2f}"),
     ("returned_mean", "mean SDE returned", "{:.2e}"),
     ("over_threshold", "over t", "{:.2%}"),
@@ -150,6 +157,11 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "gte_median": _percentile(gte, 50),
         "gte_closest": _mean(closest),
         "gte_angle": _percentile([answer["gte_angle"] for answer in clear if answer["gte_angle"] is not None], 50),
+        "completion": _mean(
+            1.0 if answer["completion"] is None else answer["completion"]
+            for record, answer in pairs
+            if (record["completion_possible"] or np.inf) <= COMPLETABLE and "completion" in answer
+        ),
         "planes": _mean(len(answer["planes"]) for answer in every),
         "returned_mean": _mean(error for answer in every for error in answer["plane_sde"]),
         "over_threshold": _mean(error > max_error for answer in every for error in answer["fresh_sde"]),

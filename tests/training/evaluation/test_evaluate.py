@@ -13,14 +13,18 @@ from typer.testing import CliRunner, Result
 import training.evaluation.evaluate as evaluation
 from model.formats.conversion import as_mesh
 from model.geometry.frames import UnitFrame
+from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect, rotation_matrix
 from model.meshes.mesh import Mesh
 from tests import shapes
 from training.__main__ import app
+from training.evaluation.classical import Refined, Reused
 from training.evaluation.command import run
+from training.evaluation.corruptions import CorruptedShape, Similarity, cut_ball
 from training.evaluation.evaluate import Options, evaluate
 from training.evaluation.grouping import render_by
+from training.evaluation.judging import _Judge, _missing_part
 from training.evaluation.matching import Found, FoundAxis
 from training.evaluation.method import Answer, Method
 from training.evaluation.registry import build, expand
@@ -166,6 +170,28 @@ def test_validation_leaves_what_is_symmetric():
         assert surface.mean_squared_distance(reflect(samples, plane)) < 4e-3 * scale**2
 
 
+def test_what_follows_a_method_that_has_just_run_takes_its_planes_over_and_counts_their_time():
+    calls: list[Mesh] = []
+
+    @dataclass
+    class Slow:
+        title: str = "slow"
+
+        def __call__(self, mesh: Mesh, seed: Sequence[int]) -> Answer:
+            calls.append(mesh)
+            return Answer(Found(np.array([[1.0, 0.02, 0.0, 0.0], [0.6, 0.8, 0.0, 0.0]])), reused_ms=1000.0)
+
+    mesh, slow = shapes.box(), Reused(Slow())
+    alone, refined = slow(mesh, (0,)), Refined(slow, 4e-4)(mesh, (0,))
+    assert len(calls) == 1
+    assert len(alone.found.planes) == 2
+    np.testing.assert_allclose(np.abs(refined.found.planes[:, :3]), [[1.0, 0.0, 0.0]], atol=1e-6)
+    assert refined.reused_ms >= 1000.0
+    slow(shapes.box(), (0,))
+    slow(shapes.box(), (1,))
+    assert len(calls) == 3
+
+
 @pytest.mark.parametrize(
     "name",
     ["full[network+magic]", "pca:default", "pca+doubled", "unheard-of", "refined", "full+", ""],
@@ -179,6 +205,51 @@ def test_an_ablation_is_full_mode_with_every_set_of_sources():
     names = expand(["ablation", "pca", "pca"])
     assert len(set(names)) == len(names)
     assert {"full[network]", "full[network+scan]", "full[network+inertia+scan]", "pca"} <= set(names)
+
+
+def test_recorded_planes_are_judged_beside_on_the_meshes_they_name(folder: Path, tmp_path: Path):
+    box = next(path for path in folder.glob("*.ply") if "_box_" in path.name)
+    planes = json.loads((folder / "ground_truth.json").read_text())[box.name]["planes"]
+    lines = ["mesh,method,plane,nx,ny,nz,offset,time_ms"]
+    for row, plane in enumerate(planes[:2]):
+        doubled = ",".join(repr(2.0 * number) for number in plane)  # as of one who leaves normals as they come
+        lines.append(f"{folder.name}/{box.name},stranger,{row},{doubled},12.5")
+    recorded = tmp_path / "planes.csv"
+    recorded.write_text("\n".join(lines) + "\n")
+    records = evaluate([folder], Options("rotated", ("pca",), recorded=str(recorded)), progress=False)
+    assert [Path(record["name"]).name for record in records] == [box.name]
+    stranger = summarise(records, 4e-4)["methods"]["stranger"]
+    assert stranger["clear_best_mean"] < 1e-12
+    assert stranger["plane_recall"] == pytest.approx(2 / 3)
+    assert stranger["ms_p50"] == 12.5
+    with pytest.raises(ValueError, match="whole shapes"):
+        evaluate([folder], Options("noisy", ("pca",), recorded=str(recorded)), progress=False)
+    recorded.write_text("mesh,nx\n")
+    with pytest.raises(ValueError, match="needs the columns"):
+        evaluate([folder], Options("rotated", ("pca",), recorded=str(recorded)), progress=False)
+
+
+def test_a_true_plane_completes_what_a_ball_took_away():
+    mesh = shapes.box()
+    vertices, faces = cut_ball(mesh.vertices, mesh.faces, np.random.default_rng(2), hole=0.1)
+    whole = UnitFrame.of(mesh.vertices, mesh.faces)
+    similarity = Similarity(np.eye(3), whole.center, whole.scale)
+    frame = UnitFrame.of(vertices, faces)
+    seen = _Judge(frame.to_unit(vertices), faces, 500, 0)
+    samples, _ = sample_surface(whole.to_unit(mesh.vertices), mesh.faces, 4000, seed=1)
+    error = _missing_part(samples, CorruptedShape(vertices, faces, similarity), frame, seen)
+    errors = [error(plane) for plane in np.eye(3, 4)]
+    tilted = error(np.array([np.cos(0.1), np.sin(0.1), 0.0, 0.0]))
+    assert min(value for value in errors if value is not None) < 1e-9
+    assert tilted is not None
+    assert tilted > 1e-3
+    nothing = _missing_part(
+        samples,
+        CorruptedShape(mesh.vertices, mesh.faces, similarity),
+        whole,
+        _Judge(whole.to_unit(mesh.vertices), mesh.faces, 500, 0),
+    )
+    assert nothing(np.eye(3, 4)[0]) is None
 
 
 def test_only_symmetric_shapes_are_drawn_when_asked(folder: Path):
