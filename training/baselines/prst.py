@@ -21,10 +21,10 @@ TITLE = "PRST"
 
 CELLS = 64
 POINTS, PAIRS = 20_000, 2_000_000
-MAXIMA = 10
+MAXIMA = 40
 """At most so many are refined, ..."""
 
-LEAST = 0.3
+LEAST = 0.2
 """... of those with so large a share of the most votes."""
 
 _CLOSEST = 0.1

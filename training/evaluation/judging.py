@@ -89,7 +89,10 @@ def judge(
     for name, given in (recorded or {}).items():
         planes = np.array([intact_frame.plane_to_unit(plane) for plane in given.planes]).reshape(-1, 4)
         record = _record(Answer(Found(planes)), Found(planes), truth, certain, whole)
-        records[name] = record | {"title": name, "fresh_sde": record["plane_sde"], "ms": given.milliseconds}
+        title = f"{name}, recorded"
+        records[f"recorded {name}"] = record | {
+            "title": title, "fresh_sde": record["plane_sde"], "ms": given.milliseconds
+        }  # fmt: skip
     true_planes = shown.similarity.planes_to_shown(certain.planes)
     return {
         "faces": len(mesh.faces),

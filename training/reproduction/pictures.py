@@ -39,7 +39,7 @@ def draw_chart(figures: Mapping[str, Mapping[str, Mapping[str, Any]]], column: C
     axes.set_yticks(np.arange(len(methods)) + 0.4 - height / 2, labels, fontsize=8)
     axes.invert_yaxis()
     axes.set_title(title, fontsize=10)
-    axes.margins(x=0.15)
+    axes.margins(x=0.15, y=0.01)
     if len(figures) > 1:
         axes.legend(fontsize=7)
     picture.savefig(out, dpi=110)

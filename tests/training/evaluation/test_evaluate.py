@@ -218,7 +218,7 @@ def test_recorded_planes_are_judged_beside_on_the_meshes_they_name(folder: Path,
     recorded.write_text("\n".join(lines) + "\n")
     records = evaluate([folder], Options("rotated", ("pca",), recorded=str(recorded)), progress=False)
     assert [Path(record["name"]).name for record in records] == [box.name]
-    stranger = summarise(records, 4e-4)["methods"]["stranger"]
+    stranger = summarise(records, 4e-4)["methods"]["recorded stranger"]
     assert stranger["clear_best_mean"] < 1e-12
     assert stranger["plane_recall"] == pytest.approx(2 / 3)
     assert stranger["ms_p50"] == 12.5
