@@ -22,6 +22,7 @@ from training.evaluation.matching import (
     clear_planes_found,
     ground_truth_error,
     match,
+    matched_once,
     nearest_clear_plane,
 )
 from training.evaluation.method import Answer, Method
@@ -151,6 +152,7 @@ def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "
         "axes_found": to_clear.axes.tolist(),
         "axes_roughly": clear_axes_found(truth, found.axes, ROUGH_ANGLE, ROUGH_DISTANCE),
         "orders_found": to_clear.orders.tolist(),
+        "matches": matched_once(certain, found, to_clear.true_planes),
         "dominant": bool(to_clear.true_planes[:1].any()),
         "unlisted": int((~to_all.true_planes).sum() + (~to_all.true_axes).sum()),
         "stages": answer.stages,

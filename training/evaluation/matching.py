@@ -134,6 +134,28 @@ def match(truth: Truth, found: Found) -> Matches:
     )
 
 
+def matched_once(truth: Truth, found: Found, true_planes: BoolArray) -> list[bool]:
+    """Which of the returned planes, in their order, match a true one that no earlier one has matched.
+
+    As the SHREC 2023 protocol counts: a plane returned twice is right once. Of the planes of a continuous family, which
+    no list holds all of, each counts.
+
+    Args:
+        truth: the true planes.
+        found: the returned ones, the most confident first.
+        true_planes: (k,) of `Matches`.
+    """
+    left = list(truth.planes)
+    sequence: list[bool] = []
+    for plane, true in zip(found.planes, true_planes, strict=True):
+        row = next((row for row, other in enumerate(left) if same_plane(plane, other)), None)
+        if row is not None:
+            left.pop(row)
+        family = bool(true) and not any(same_plane(plane, other) for other in truth.planes)
+        sequence.append(row is not None or family)
+    return sequence
+
+
 def same_plane(first: FloatArray, second: FloatArray) -> bool:
     """Whether two planes (n, d) are within `ANGLE` and `DISTANCE`."""
     return bool(np.isfinite(_between_planes(first, second)))

@@ -22,6 +22,9 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
 - *clear planes*, *clear axes*: share of the true elements with an SDE under 1e-6 that were found (`matching`), and
   within 5° and 0.05; *with order*: the axis' order is right too.
 - *dominant plane*: share of the shapes with a clear plane where the first plane returned is one of them.
+- *mAP*: as the SHREC 2023 protocol has it: over the planes returned, in their order, that match a true one no earlier
+  one has matched, the mean share of right ones up to there; 0 where none is right. It does not see what is missing:
+  that is *clear planes*. Their PHC, of the first plane alone, is *dominant plane*.
 - *..., within t as shown*: the same, only of planes whose SDE on the mesh as it is shown stays within the threshold. A
   hole has an SDE of its own: with it even the true plane may exceed what a detector is allowed to return.
 - *angle*: degrees between clear planes and what they were found by.
@@ -75,6 +78,7 @@ ALL_SYMMETRIES: tuple[Column, ...] = (
     ("dominant_share", "dominant plane", "{:.1%}"),
     ("plane_recall_shown", "clear planes within t as shown", "{:.1%}"),
     ("dominant_share_shown", "dominant plane, if one is", "{:.1%}"),
+    ("mean_precision", "mAP", "{:.1%}"),
     ("any_share", "any clear plane", "{:.1%}"),
     ("axis_recall", "clear axes", "{:.1%}"),
     ("axes_roughly", "within 5°", "{:.1%}"),
@@ -181,6 +185,7 @@ def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "plane_recall": _mean(found for answer in clear for found in answer["planes_found"]),
         "planes_roughly": sum(answer["planes_roughly"] for answer in clear) / planes if planes else None,
         "dominant_share": _mean(answer["dominant"] for answer in clear),
+        "mean_precision": _mean(_precision(answer["matches"]) for answer in clear),
         "plane_recall_shown": _mean(found for found, error in shown if error <= max_error),
         "dominant_share_shown": _mean(
             answer["dominant"] for record, answer in pairs if min(record["shown_sde"], default=np.inf) <= max_error
@@ -206,6 +211,11 @@ def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
         ),
         "unlisted_per_shape": _mean(answer["unlisted"] for record, answer in pairs if record.get("group") is None),
     }
+
+
+def _precision(matches: Sequence[bool]) -> float:
+    right = np.flatnonzero(matches)
+    return float((np.arange(1, len(right) + 1) / (right + 1)).mean()) if len(right) else 0.0
 
 
 def _mean(values: Iterable[float]) -> float | None:

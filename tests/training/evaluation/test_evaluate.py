@@ -111,6 +111,7 @@ def test_an_oracle_gets_full_marks_and_its_inventions_are_seen(folder: Path):
     assert full["over_threshold"] == full["exact_per_c1"] == 0.0
     assert full["clear_best_mean"] < 1e-12
     assert paper["plane_recall"] == paper["axis_recall"] == 1.0
+    assert full["mean_precision"] == paper["mean_precision"] == 1.0  # the invention comes last
     assert paper["order_recall"] < 1.0
     assert paper["over_threshold"] > 0.0
     assert paper["exact_per_c1"] == 1.0
