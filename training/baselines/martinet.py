@@ -40,7 +40,7 @@ _DIRECTIONS, _NEIGHBOURHOOD = 1200, 0.11
 _CONSTANT = 1e-7
 """A moment that varies by less than this share of its mean says nothing: gradients vanish everywhere."""
 
-_ROUND = 0.02
+_ROUND, _MOST_ROUND = 0.02, 3
 _SAME_AXIS = np.deg2rad(1.0)
 _SAMPLES = 600
 
@@ -119,7 +119,7 @@ class Moments:
         """
         axes = axes[distinct_lines(axes, _SAME_AXIS)]
         variation = np.array([self.values(_across(axis))[:, 0].std() for axis in axes])
-        return axes[variation <= _ROUND * self._scales[0]]
+        return axes[variation <= _ROUND * self._scales[0]][:_MOST_ROUND]
 
     def stationary(self, start: FloatArray) -> FloatArray:
         """The direction near ``start`` where the gradients are smallest: ``(3,)``, unit."""
