@@ -1,7 +1,7 @@
 """One shape shown to every method, and what is kept of each answer: the record that reports are made of."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -84,7 +84,7 @@ def judge(
         records[name] = _record(answer, _to_unit(shown, found), truth, certain, whole) | {
             "title": method.title,
             "fresh_sde": fresh,
-            "completion": hole(found.planes[int(np.argmin(fresh[: len(found.planes)]))]) if len(found.planes) else None,
+            "completion": _least(hole(plane) for plane in found.planes),
             "ms": spent,
         }
     for name, given in (recorded or {}).items():
@@ -102,9 +102,7 @@ def judge(
         "clear_axes": len(certain.axes),
         "truth_planes": len(truth.planes),
         "shown_sde": [seen.plane(frame.plane_to_unit(plane)) for plane in true_planes],
-        "completion_possible": min(
-            (error for plane in true_planes if (error := hole(plane)) is not None), default=None
-        ),
+        "completion_possible": _least(hole(plane) for plane in true_planes),
         "listed": len(truth.planes) + len(truth.axes),
         "methods": records,
     }
@@ -159,6 +157,10 @@ def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "
         "point_group": answer.point_group,
         "exact": answer.exact,
     }
+
+
+def _least(errors: Iterable[float | None]) -> float | None:
+    return min((error for error in errors if error is not None), default=None)
 
 
 def _missing_part(

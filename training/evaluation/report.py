@@ -11,8 +11,8 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
   has nearly true planes the best may be one of those, and far from any clear one; *closest plane* takes the returned
   plane with the smallest GTE instead.
 - *completion*: distance, unit frame, of the missing part from what mirroring puts in its place (the paper's
-  application), by the plane of least error on the mesh as shown, root-mean-square a shape; over the shapes whose
-  missing part has a mirror image at all. No plane counts 1.
+  application), by the returned plane that does so best (one about which the hole itself is symmetric fills nothing),
+  root-mean-square a shape; over the shapes whose missing part has a mirror image at all. No plane counts 1.
 - *planes a shape*, *mean SDE returned*, *over t*: of all planes returned; the last on fresh samples of the mesh shown,
   axes included.
 - *ms*: CPU milliseconds, half and 95 % of the shapes stay below; on files of 3,000 to 6,000 faces besides.
@@ -164,7 +164,9 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "completion": _mean(
             1.0 if answer["completion"] is None else answer["completion"]
             for record, answer in pairs
-            if (record["completion_possible"] or np.inf) <= COMPLETABLE and "completion" in answer
+            if record["completion_possible"] is not None
+            and record["completion_possible"] <= COMPLETABLE
+            and "completion" in answer
         ),
         "planes": _mean(len(answer["planes"]) for answer in every),
         "returned_mean": _mean(error for answer in every for error in answer["plane_sde"]),
