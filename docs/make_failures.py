@@ -22,7 +22,7 @@ from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect
 from model.types import FloatArray, IntArray
-from training.evaluation.corruptions import show
+from training.evaluation.corruptions import corrupt
 from training.evaluation.matching import nearest_clear_plane
 from training.layouts import find_meshes
 from training.oracle.truth import Truth, load
@@ -49,7 +49,7 @@ def judge(detector: Detector, path: Path, name: str, index: int, truth: Truth) -
     """The network's best plane against the closest clear one, in the unit frame of the mesh as shown."""
     mesh = read_mesh(path.read_bytes(), path.name)
     intact = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
-    shown = show(mesh.vertices, mesh.faces, "partial", 0, index)
+    shown = corrupt(mesh.vertices, mesh.faces, "partial", 0, index)
     frame = UnitFrame.of(shown.vertices, shown.faces)
     vertices = frame.to_unit(shown.vertices)
     raw = detector.propose(vertices, shown.faces).planes

@@ -1,20 +1,20 @@
-"""Command line: `python -m training prepare | label | fit | export | evaluate | groundtruth | shapes`.
+"""Command line: `python -m training prepare | label | fit | export | heldout | shapes | curve`, and `judging_commands`.
 
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
 
 import os
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from training import judging_commands
+from training.judging_commands import Verbose
+
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Train PRS-Net on your own meshes and judge the result."
 )
-
-Verbose = Annotated[bool, typer.Option("--progress/--no-progress", help="Show a progress bar.")]
 
 
 @app.command()
@@ -58,7 +58,10 @@ def label(
     prepared: Annotated[Path, typer.Argument(help="A prepared set; the labels are written into it.")],
     method: Annotated[
         str,
-        typer.Option(help="scan: full mode without a network; pca: refined planes of PCA; groundtruth: from a file."),
+        typer.Option(
+            help="scan: full mode without a network; pca, kazhdan, ...: refined planes of a classical method; "
+            "groundtruth: from a file."
+        ),
     ] = "scan",
     truth: Annotated[
         Path | None, typer.Option("--groundtruth", help="The file that `groundtruth` wrote of the same folders.")
@@ -195,90 +198,8 @@ def export(
     typer.echo(f"wrote {out} and {out.with_suffix('.json')}")
 
 
-@app.command()
-def evaluate(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; a ground_truth.json beside them is used.")],
-    weights: Annotated[list[str] | None, typer.Option(help="Weights to judge; may be repeated.")] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
-    damage: Annotated[
-        str,
-        typer.Option(
-            help="clean: pose as in the file; in random poses: rotated, noisy, partial (a ball missing), decimated."
-        ),
-    ] = "rotated",
-    seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")] = None,
-    mode: Annotated[str, typer.Option(help="paper: the network and its validation; full: all symmetries.")] = "paper",
-    ground_truth: Annotated[
-        Path | None,
-        typer.Option(
-            "--groundtruth", help="File that `groundtruth` wrote; what it lacks is searched for, seconds a shape."
-        ),
-    ] = None,
-    methods: Annotated[
-        str, typer.Option(help="Full mode: what to set side by side, separated by commas.")
-    ] = "full,paper,pca,random,exhaustive",
-    max_error: Annotated[float, typer.Option(help="Full mode: threshold on the symmetry error (SDE).")] = 4e-4,
-    exhaustive_limit: Annotated[
-        int, typer.Option(min=0, help="Full mode: shapes, drawn at random, that the exhaustive search gets.")
-    ] = 40,
-    ablation: Annotated[bool, typer.Option(help="Full mode: weigh the sources of proposals.")] = False,
-    by: Annotated[
-        str | None,
-        typer.Option(help="Also tables by source, by unseen sources, or by a column of the manifest, such as kind."),
-    ] = None,
-    manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
-    progress: Verbose = True,
-) -> None:
-    """Judge raw networks and paper mode, or full mode, beside other methods: exact distances, one table."""
-    if mode not in ("paper", "full"):
-        raise typer.BadParameter(f"the mode is paper or full, not {mode!r}")
-    from training.evaluation import full_command, network_command
-    from training.evaluation.full_evaluation import Options as FullOptions
-    from training.evaluation.networks import Options as NetworkOptions
-
-    try:
-        if mode == "full":
-            if len(weights or []) > 1:
-                raise ValueError("full mode is judged with one set of weights")
-            options = FullOptions(
-                damage, tuple(methods.split(",")), (weights or ["default"])[0], max_error, seed, exhaustive_limit
-            )
-            judge = partial(full_command.run, folders, options, with_ablation=ablation)
-        else:
-            judged = NetworkOptions(tuple(weights or ["default", "paper"]), damage, seed)
-            judge = partial(network_command.run, folders, judged)
-        text = judge(
-            by=by,
-            manifest=manifest,
-            json_file=json_file,
-            limit=limit,
-            ground_truth=ground_truth,
-            workers=workers,
-            progress=progress,
-        )
-    except (ValueError, OSError) as error:
-        raise typer.BadParameter(str(error)) from error
-    typer.echo(text)
-
-
-@app.command()
-def groundtruth(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="JSON file to write, all in each shape's unit frame.")],
-    limit: Annotated[int | None, typer.Option(min=1, help="Search the first of them only.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    progress: Verbose = True,
-) -> None:
-    """Search every plane and axis of every mesh: exhaustive, slow, independent of the detector. Resumes."""
-    from training.oracle.groundtruth import groundtruth as run
-
-    try:
-        summary = run(folders, out, limit=limit, workers=workers, progress=progress)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
-    typer.echo(f"{summary.shapes} shapes in {out}, {summary.searched} searched now, {summary.skipped} skipped")
+for command in (judging_commands.evaluate, judging_commands.reproduce, judging_commands.groundtruth):
+    app.command()(command)
 
 
 @app.command()

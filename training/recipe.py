@@ -160,7 +160,7 @@ class Recipe:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Recipe":
         """Build from nested values; raises ValueError on an unknown or ill-typed field."""
-        return _build(cls, values, "recipe")
+        return build(cls, values, "recipe")
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> "Recipe":
@@ -208,7 +208,17 @@ class Recipe:
 _T = TypeVar("_T")
 
 
-def _build(kind: type[_T], values: dict[str, Any], where: str) -> _T:
+def build(kind: type[_T], values: dict[str, Any], where: str) -> _T:
+    """A dataclass from plain nested values, as TOML holds them.
+
+    Args:
+        kind: the dataclass; its fields may be dataclasses and tuples of them.
+        values: by field.
+        where: what an error calls the place.
+
+    Raises:
+        ValueError: a field is unknown or of another type.
+    """
     hints = get_type_hints(kind)
     unknown = set(values) - set(hints)
     if unknown:
@@ -217,7 +227,7 @@ def _build(kind: type[_T], values: dict[str, Any], where: str) -> _T:
     for key, value in values.items():
         hint = hints[key]
         if dataclasses.is_dataclass(hint):
-            arguments[key] = _build(hint, value, f"{where}.{key}")  # pyright: ignore[reportArgumentType]
+            arguments[key] = build(hint, value, f"{where}.{key}")  # pyright: ignore[reportArgumentType]
         else:
             arguments[key] = _checked(hint, value, f"{where}.{key}")
     return kind(**arguments)
@@ -231,6 +241,8 @@ def _checked(hint: Any, value: Any, where: str) -> Any:
         return value
     if getattr(hint, "__origin__", None) is tuple:
         items = hint.__args__[0]
+        if dataclasses.is_dataclass(items):
+            return tuple(build(items, item, where) for item in value)  # pyright: ignore[reportArgumentType]
         return tuple(_checked(items, item, where) for item in value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)

@@ -147,12 +147,18 @@ def _order(
         return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= coarse_bound]
 
     def holds(n: int) -> bool:
-        deviations = meter.measure(_rotations(direction, point, 2.0 * np.pi * _multiples(n) / n), samples)
-        if deviations.rms.max() > limit:
-            return False
-        excess = _excess(deviations.squared, allowed, settings.truncation)
-        worst = excess[int(np.argmax(excess.mean(1)))]
-        return float(worst.mean()) <= _CONTRAST * float(reference.mean()) or explains_better(worst, reference, settings)
+        worst = np.zeros(len(samples))
+        for multiple in _multiples(n).tolist():  # one at a time: the first tells most of those apart that do not hold
+            angle = np.array([2.0 * np.pi * multiple / n])
+            deviations = meter.measure(_rotations(direction, point, angle), samples)
+            if deviations.rms[0] > limit:
+                return False
+            excess = _excess(deviations.squared, allowed, settings.truncation)[0]
+            worst = excess if excess.mean() > worst.mean() else worst
+            small = float(worst.mean()) <= _CONTRAST * float(reference.mean())
+            if not small and not explains_better(worst, reference, settings):
+                return False
+        return True
 
     order = 1
     # Half a step of the order n moves no point farther than this share of the radius: more is not round enough for it.

@@ -26,6 +26,7 @@ _CLOSED = 0.6
 """Surface within this part of the probe's length closes the edge."""
 
 _ON_EDGE = 1e-7
+_PLAUSIBLE_SHARE, _PLAUSIBLE_DISTANCE = 0.3, 0.03
 _SIDEWAYS = 0.5
 """The way from an open boundary to a point beyond it lies mostly along the surface: its cosine to it at least."""
 
@@ -114,7 +115,9 @@ class DeviationMeter:
         squared = squared_distances(self.surface, samples.points, operations)
         missing = np.zeros(squared.shape, dtype=np.bool_)
         if not self._closed:
-            far = squared > self._near_squared
+            # Where hardly any image lies near the surface, no missing part is to blame.
+            plausible = np.quantile(squared, _PLAUSIBLE_SHARE, axis=1) <= _PLAUSIBLE_DISTANCE**2
+            far = (squared > self._near_squared) & plausible[:, None]
             if far.any():
                 images = operations.apply(samples.points)[far]
                 normals = (samples.normals @ operations.matrices.transpose(0, 2, 1))[far]

@@ -189,6 +189,11 @@ class Ladder:
             )
             if found.arbitrary_rms <= context.limit:
                 self.round_lines.append((direction, point, found.arbitrary_rms))
+            if found.order == 1:
+                if attempt == 1 and len(tried) == 2 - (order == 1):
+                    self._failed[key] = limit  # nothing shows at any of these tolerances
+                if attempt:
+                    break
             if found.order is None or found.order % order or found.order in tried:
                 continue
             tried.add(found.order)

@@ -68,7 +68,18 @@ def test_mistakes_end_with_a_sentence_and_status_2(tmp_path: Path, arguments: tu
 
 
 def test_every_command_explains_itself():
-    for command in ("prepare", "fit", "export", "evaluate", "groundtruth", "shapes", "curve"):
+    for command in (
+        "prepare",
+        "label",
+        "fit",
+        "export",
+        "evaluate",
+        "reproduce",
+        "groundtruth",
+        "heldout",
+        "shapes",
+        "curve",
+    ):
         result = run(command, "--help")
         assert result.exit_code == 0
         assert len(result.output.splitlines()) > 8

@@ -11,7 +11,6 @@ PREPARED/
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,12 +28,12 @@ from model.geometry.surface import SurfaceIndex
 from model.search.candidates import distinct, mean_errors
 from model.search.full import Sources
 from model.types import FloatArray, IntArray
-from training.baselines.classical import pca_planes
+from training import baselines
 from training.data.prepared import PreparedSet, mesh_at
 from training.oracle.truth import Truth, load
 from training.parallel import spread
 
-METHODS = ("scan", "pca", "groundtruth")
+METHODS = ("scan", "groundtruth", *baselines.NAMES)
 _SAMPLES = 600
 
 
@@ -43,8 +42,9 @@ class Options:
     """How labels are made; shards labelled with the same options are kept.
 
     ``method``: ``scan`` is full mode without the network (a scan of directions and the inertia frame, refined on exact
-    distances, completed to a group and judged); ``pca`` refines the planes of PCA alone; ``groundtruth`` takes what
-    `training groundtruth` found. ``planes`` is K, ``max_error`` the largest symmetry error (SDE) of a label.
+    distances, completed to a group and judged); a name of `training.baselines.NAMES` refines the planes of that method
+    alone; ``groundtruth`` takes what `training groundtruth` found. ``planes`` is K, ``max_error`` the largest symmetry
+    error (SDE) of a label.
     """
 
     method: str = "scan"
@@ -140,7 +140,7 @@ def _label_shard(job: _Job) -> dict[str, Any]:
             found = _of_truth(job.truths[index])
         else:
             try:
-                found = _SEARCHES[job.options.method](vertices, faces, job.options.max_error)
+                found = _found(job.options, vertices, faces)
             except PRSNetError:  # quantised to nothing
                 continue
         good = np.flatnonzero(found.errors <= job.options.max_error)
@@ -162,6 +162,12 @@ def _label_shard(job: _Job) -> dict[str, Any]:
     return record
 
 
+def _found(options: Options, vertices: FloatArray, faces: IntArray) -> Labels:
+    if options.method == "scan":
+        return _scan(vertices, faces, options.max_error)
+    return _baseline(options.method, vertices, faces, options.max_error)
+
+
 def _scan(vertices: FloatArray, faces: IntArray, max_error: float) -> Labels:
     found = _detector().detect((vertices, faces), max_error=max_error, sources=Sources(network=False))
     planes = [plane for plane in found.planes if not plane.continuous]
@@ -179,11 +185,13 @@ def _detector() -> Detector:
     return Detector.load()
 
 
-def _pca(vertices: FloatArray, faces: IntArray, max_error: float) -> Labels:
+def _baseline(name: str, vertices: FloatArray, faces: IntArray, max_error: float) -> Labels:
+    planes = baselines.load(name).find_planes(vertices, faces, np.random.default_rng(0))
+    if not len(planes):
+        return Labels(np.zeros((0, 4)), np.zeros(0), np.zeros(6))
     surface = SurfaceIndex(vertices, faces)
     samples, _ = sample_surface(vertices, faces, _SAMPLES, seed=0)
-    starts = Operations.reflections(pca_planes(vertices, faces))
-    refined = refine(surface, samples, starts)
+    refined = refine(surface, samples, Operations.reflections(planes))
     errors = mean_errors(surface, samples, refined)
     kept = [index for index in distinct(refined, errors) if errors[index] <= max_error]
     return Labels(refined.planes[kept], errors[kept], np.zeros(6))
@@ -200,6 +208,3 @@ def _of_truth(truth: Truth | None) -> Labels:
 def _only(axes: list[FloatArray]) -> FloatArray:
     """The one continuous axis; of a sphere, which has several, every plane is good and nothing is to be learnt."""
     return axes[0] if len(axes) == 1 else np.zeros(6)
-
-
-_SEARCHES: dict[str, Callable[[FloatArray, IntArray, float], Labels]] = {"scan": _scan, "pca": _pca}

@@ -12,16 +12,23 @@ from model.geometry.frames import UnitFrame, triangle_areas
 from model.geometry.sampling import sample_surface
 from model.meshes.subdivision import edge_lengths, halve_edges, subdivide
 from model.types import FloatArray, IntArray
+from training.evaluation.depth import visible_part
 from training.shapes.solids import random_rotation
 
-DAMAGES = ("clean", "rotated", "noisy", "partial", "decimated")
-"""``clean``: pose as in the file. All others, ``rotated`` alone for comparison, are shown in a random pose."""
+DAMAGES = ("clean", "rotated", "noisy", "partial", "decimated", "ball25", "ball35", "depth1", "depth3")
+"""``clean``: pose as in the file. All others, ``rotated`` alone for comparison, are shown in a random pose.
+
+``partial``, ``ball25`` and ``ball35`` lack what lies in a ball; ``depth1`` and ``depth3`` keep what so many depth
+images see. The place in this list is part of a damage's seed: new ones come last."""
 
 NOISE = 0.005
 """Standard deviation of the noise along the vertex normals."""
 
 HOLE = 0.15
 """Radius of the ball that is removed."""
+
+_HOLES = {"partial": HOLE, "ball25": 0.25, "ball35": 0.35}
+_VIEWS = {"depth1": 1, "depth3": 3}
 
 LONGEST_EDGE = 0.06
 """Longer edges are halved before noise. Twelve standard deviations of the noise: its values then tilt a triangle by
@@ -59,17 +66,17 @@ class Similarity:
         return np.column_stack([normals, planes[:, 3] * self.scale - normals @ self.translation])
 
     def planes_to_unit(self, planes: FloatArray) -> FloatArray:
-        """CorruptedShape planes ``(k, 4)``, rows (n, d), in the unit frame."""
+        """Planes as shown ``(k, 4)``, rows (n, d), in the unit frame."""
         normals = planes[:, :3] @ self.rotation
         offsets = (planes[:, 3] + planes[:, :3] @ self.translation) / self.scale
         return np.column_stack([normals, offsets])
 
     def points_to_unit(self, points: FloatArray) -> FloatArray:
-        """CorruptedShape points ``(..., 3)`` in the unit frame."""
+        """Points as shown ``(..., 3)`` in the unit frame."""
         return (points - self.translation) @ self.rotation / self.scale
 
     def directions_to_unit(self, directions: FloatArray) -> FloatArray:
-        """CorruptedShape directions ``(..., 3)`` in the unit frame."""
+        """Directions as shown ``(..., 3)`` in the unit frame."""
         return directions @ self.rotation
 
 
@@ -82,7 +89,7 @@ class CorruptedShape:
     similarity: Similarity
 
 
-def show(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: int) -> CorruptedShape:
+def corrupt(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: int) -> CorruptedShape:
     """A shape as one of `DAMAGES`.
 
     Args:
@@ -108,8 +115,10 @@ def show(vertices: FloatArray, faces: IntArray, damage: str, seed: int, index: i
     rng = np.random.default_rng([seed, index, DAMAGES.index(damage)])
     if damage == "noisy":
         shown, faces = add_noise(shown, faces, rng, diagonal)
-    elif damage == "partial":
-        shown, faces = cut_ball(shown, faces, rng, diagonal)
+    elif damage in _HOLES:
+        shown, faces = cut_ball(shown, faces, rng, diagonal, _HOLES[damage])
+    elif damage in _VIEWS:
+        shown, faces = visible_part(shown, faces, random_rotation(rng)[: _VIEWS[damage]])
     elif damage == "decimated":
         shown, faces = decimate(shown, faces, diagonal)
     return CorruptedShape(shown, faces, similarity)
@@ -130,15 +139,19 @@ def add_noise(
 
 
 def cut_ball(
-    vertices: FloatArray, faces: IntArray, rng: np.random.Generator, diagonal: float | None = None
+    vertices: FloatArray,
+    faces: IntArray,
+    rng: np.random.Generator,
+    diagonal: float | None = None,
+    hole: float = HOLE,
 ) -> tuple[FloatArray, IntArray]:
-    """Remove the triangles whose centroid lies in a ball about a random surface point, its radius `HOLE`.
+    """Remove the triangles whose centroid lies in a ball about a random surface point, its radius ``hole``.
 
     Edges over `RIM_EDGE` that the rim passes are halved first: of a box of twelve triangles a piece goes, not a side.
     If less than 30 % of the area would be left other points are tried; after ten the mesh stays whole.
     """
     diagonal = diagonal or _diagonal(vertices[faces])
-    radius = HOLE * diagonal
+    radius = hole * diagonal
     area = triangle_areas(vertices[faces]).sum()
     for _ in range(_TRIES):
         centre = sample_surface(vertices, faces, 1, seed=int(rng.integers(2**32)))[0][0]

@@ -134,6 +134,28 @@ def match(truth: Truth, found: Found) -> Matches:
     )
 
 
+def matched_once(truth: Truth, found: Found, true_planes: BoolArray) -> list[bool]:
+    """Which of the returned planes, in their order, match a true one that no earlier one has matched.
+
+    As the SHREC 2023 protocol counts: a plane returned twice is right once. Of the planes of a continuous family, which
+    no list holds all of, each counts.
+
+    Args:
+        truth: the true planes.
+        found: the returned ones, the most confident first.
+        true_planes: (k,) of `Matches`.
+    """
+    left = list(truth.planes)
+    sequence: list[bool] = []
+    for plane, true in zip(found.planes, true_planes, strict=True):
+        row = next((row for row, other in enumerate(left) if same_plane(plane, other)), None)
+        if row is not None:
+            left.pop(row)
+        family = bool(true) and not any(same_plane(plane, other) for other in truth.planes)
+        sequence.append(row is not None or family)
+    return sequence
+
+
 def same_plane(first: FloatArray, second: FloatArray) -> bool:
     """Whether two planes (n, d) are within `ANGLE` and `DISTANCE`."""
     return bool(np.isfinite(_between_planes(first, second)))
@@ -144,7 +166,7 @@ def _between_planes(first: FloatArray, second: FloatArray) -> float:
     cosine = float(first[:3] @ second[:3])
     if abs(first[3] - (1.0 if cosine >= 0 else -1.0) * second[3]) > DISTANCE:
         return np.inf
-    angle = _degrees(first[:3], second[:3])
+    angle = angle_between(first[:3], second[:3])
     return angle if angle <= ANGLE else np.inf
 
 
@@ -168,14 +190,14 @@ def _family_angles(
     angles = (_axis_in_plane(axis, plane) for axis in endless for plane in found.planes)
     members = sorted(angle for angle in angles if np.isfinite(angle))
     pairs = ((axis, other) for axis in endless for other in returned_endless)
-    whole = [_degrees(axis.direction, other.direction) for axis, other in pairs if _same_line(axis, other)]
+    whole = [angle_between(axis.direction, other.direction) for axis, other in pairs if _same_line(axis, other)]
     return members + 2 * whole
 
 
 def _sphere(endless: Sequence[FoundAxis]) -> FloatArray | None:
     """The centre where two different continuous axes meet; None where there are none."""
     for axis in endless[1:]:
-        if _degrees(axis.direction, endless[0].direction) > ANGLE:
+        if angle_between(axis.direction, endless[0].direction) > ANGLE:
             # The point of the first that is nearest to the second.
             normal = np.cross(axis.direction, np.cross(axis.direction, endless[0].direction))
             along = (axis.point - endless[0].point) @ normal / (endless[0].direction @ normal)
@@ -185,7 +207,7 @@ def _sphere(endless: Sequence[FoundAxis]) -> FloatArray | None:
 
 
 def _same_line(truth: FoundAxis, found: FoundAxis) -> bool:
-    close = _degrees(truth.direction, found.direction) <= ANGLE
+    close = angle_between(truth.direction, found.direction) <= ANGLE
     return close and _line_distance(truth.point, found) <= DISTANCE
 
 
@@ -194,7 +216,8 @@ def _turns_over(axis: FoundAxis, endless: FoundAxis, planes: FloatArray) -> bool
     upright = abs(axis.direction @ endless.direction) <= np.sin(np.deg2rad(ANGLE))
     gap = abs((axis.point - endless.point) @ np.cross(axis.direction, endless.direction))
     middle = any(
-        _degrees(plane[:3], endless.direction) <= ANGLE and np.isfinite(_axis_in_plane(axis, plane)) for plane in planes
+        angle_between(plane[:3], endless.direction) <= ANGLE and np.isfinite(_axis_in_plane(axis, plane))
+        for plane in planes
     )
     return axis.order == 2 and upright and bool(gap <= DISTANCE) and middle
 
@@ -207,8 +230,8 @@ def _reaches(point: FloatArray, plane: FloatArray) -> bool:
     return bool(abs(plane[:3] @ point + plane[3]) <= DISTANCE)
 
 
-def _degrees(first: FloatArray, second: FloatArray) -> float:
-    """Angle between two lines; exact to rounding for small ones, as an arc cosine is not."""
+def angle_between(first: FloatArray, second: FloatArray) -> float:
+    """Degrees between two lines ``(3,)``; exact to rounding for small ones, as an arc cosine is not."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second))))
 
 
@@ -254,7 +277,7 @@ def clear_planes_found(truth: Truth, planes: FloatArray, angle: float, distance:
 
     def meets(plane: FloatArray, other: FloatArray) -> bool:
         sign = 1.0 if plane[:3] @ other[:3] >= 0 else -1.0
-        return abs(plane[3] - sign * other[3]) <= distance and _degrees(plane[:3], other[:3]) <= angle
+        return abs(plane[3] - sign * other[3]) <= distance and angle_between(plane[:3], other[:3]) <= angle
 
     found = sum(any(meets(plane, other) for other in planes) for plane in listed[~family])
     if family.any():
@@ -267,14 +290,12 @@ def clear_planes_found(truth: Truth, planes: FloatArray, angle: float, distance:
     return int(found)
 
 
-def clear_axes_found(truth: Truth, directions: FloatArray, angle: float, distance: float) -> int:
-    """How many of the clear axes some line through the origin along ``directions`` ``(k, 3)`` meets."""
-    origin = np.zeros(3)
+def clear_axes_found(truth: Truth, axes: Sequence[FoundAxis], angle: float, distance: float) -> int:
+    """How many of the clear axes some one of ``axes`` meets within ``angle`` degrees and ``distance`` of its point."""
     return sum(
         any(
-            _degrees(axis.direction, direction) <= angle
-            and _line_distance(origin, FoundAxis(axis.direction, axis.point, None)) <= distance
-            for direction in directions
+            angle_between(axis.direction, other.direction) <= angle and _line_distance(axis.point, other) <= distance
+            for other in axes
         )
         for axis in truth.clear_axes()
     )

@@ -1,7 +1,9 @@
 """The symmetries that `training shapes` recorded for a file, in the form of the search's results."""
 
 import json
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +25,7 @@ def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
 
     Of the planes through a continuous axis, which the file does not list, two are added as the search would.
     """
-    file = path.parent / "ground_truth.json"
-    if not file.is_file():
-        return None
-    entry = json.loads(file.read_text(encoding="utf-8")).get(path.name)
+    entry = written_entry(path)
     if entry is None:
         return None
     planes = [frame.plane_to_unit(np.array(plane)) for plane in entry["planes"]]
@@ -36,6 +35,18 @@ def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:
     ]
     truth = listed_truth(frame, np.reshape(planes, (-1, 4)), np.zeros(len(planes)), axes)
     return truth, entry["point_group"]
+
+
+def written_entry(path: Path) -> dict[str, Any] | None:
+    """What `training shapes` wrote of a file, in the file's frame, as plain values; None if it wrote nothing."""
+    file = path.parent / "ground_truth.json"
+    return _written(file, file.stat().st_mtime_ns).get(path.name) if file.is_file() else None
+
+
+@lru_cache(maxsize=4)
+def _written(file: Path, changed: int) -> dict[str, Any]:
+    """The contents of a file that was ``changed`` last at this time."""
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def listed_truth(frame: UnitFrame, planes: FloatArray, errors: FloatArray, axes: list[TruthAxis]) -> Truth:

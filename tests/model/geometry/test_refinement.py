@@ -9,7 +9,7 @@ from model.geometry.refinement import refine, refine_planes, squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from tests.shapes import as_mesh, box, known, moved
-from training.evaluation.corruptions import show
+from training.evaluation.corruptions import corrupt
 from training.shapes.solids import random_rotation
 
 
@@ -57,7 +57,7 @@ def test_an_axis_comes_back_with_its_position(family: str, n: int):
 def test_a_hole_does_not_pull_the_plane_away():
     mesh = as_mesh(known("chair"))
     for index in range(4):
-        shown = show(mesh.vertices, mesh.faces, "partial", seed=3, index=index)
+        shown = corrupt(mesh.vertices, mesh.faces, "partial", seed=3, index=index)
         vertices = shown.similarity.points_to_unit(shown.vertices)
         surface, samples = prepared(vertices, shown.faces, 400)
         start = np.append(tilted(np.array([1.0, 0.0, 0.0]), 3.0, np.random.default_rng(index)), 0.01)
@@ -68,7 +68,7 @@ def test_a_hole_does_not_pull_the_plane_away():
 
 def test_noise_moves_the_plane_by_less_than_its_own_size():
     mesh = as_mesh(known("chair"))
-    shown = show(mesh.vertices, mesh.faces, "noisy", seed=3, index=0)
+    shown = corrupt(mesh.vertices, mesh.faces, "noisy", seed=3, index=0)
     surface, samples = prepared(shown.similarity.points_to_unit(shown.vertices), shown.faces, 400)
     plane = refine_planes(surface, samples, np.array([[0.999, 0.03, -0.03, 0.01]]))[0]
     assert np.degrees(np.linalg.norm(np.cross(plane[:3], [1.0, 0.0, 0.0]))) < 0.5

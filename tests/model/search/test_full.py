@@ -13,7 +13,7 @@ from model.paper.validation import MAX_ERROR
 from model.search.settings import DEFAULT
 from tests.model.test_detector import fresh_error
 from tests.shapes import as_mesh, box, known, moved, pose, subdivided
-from training.evaluation.corruptions import show
+from training.evaluation.corruptions import corrupt
 from training.shapes.catalogue import KnownShape, families
 from training.shapes.solids import random_rotation
 
@@ -205,7 +205,7 @@ def dominant_angle(detection: Detection, rotation: np.ndarray) -> float:
 def test_noise_and_missing_parts_leave_the_dominant_plane(detector: Detector, index: int):
     mesh = as_mesh(known("chair"))
     for damage, degrees in (("noisy", 0.5), ("partial", 0.1)):
-        shown = show(mesh.vertices, mesh.faces, damage, seed=1, index=index)
+        shown = corrupt(mesh.vertices, mesh.faces, damage, seed=1, index=index)
         # A hole of this size has an error of its own: the client says how much is acceptable.
         detection = detector.detect((shown.vertices, shown.faces), max_error=2e-3)
         assert dominant_angle(detection, shown.similarity.rotation) < degrees

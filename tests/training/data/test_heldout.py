@@ -58,10 +58,10 @@ def test_evaluate_judges_on_them(labelled: Path, tmp_path: Path):
     runner = CliRunner()
     written = runner.invoke(app, ["heldout", str(labelled), "-o", str(tmp_path / "held"), "--share", str(SHARE)])
     assert written.exit_code == 0, written.output
-    told = ["--groundtruth", str(tmp_path / "held" / "truth.json"), "--weights", "default", "--no-progress"]
+    told = ["--groundtruth", str(tmp_path / "held" / "truth.json"), "--methods", "raw", "--no-progress"]
     judged = runner.invoke(app, ["evaluate", str(tmp_path / "held"), *told])
     assert judged.exit_code == 0, judged.output
-    assert "| default |" in judged.output
+    assert "| raw network |" in judged.output
 
 
 def test_labels_are_needed(prepared: PreparedSet, tmp_path: Path):

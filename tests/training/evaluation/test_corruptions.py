@@ -17,10 +17,10 @@ from training.evaluation.corruptions import (
     NOISE,
     RIM_EDGE,
     add_noise,
+    corrupt,
     cut_ball,
     decimate,
     edge_lengths,
-    show,
     subdivide,
     vertex_normals,
 )
@@ -140,25 +140,25 @@ def test_decimation_keeps_what_is_flat_and_sharp():
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_the_same_seed_and_shape_give_the_same_damage(damage: str):
     mesh = as_mesh(known("chair"))
-    first, again = (show(mesh.vertices, mesh.faces, damage, 5, 8) for _ in range(2))
+    first, again = (corrupt(mesh.vertices, mesh.faces, damage, 5, 8) for _ in range(2))
     np.testing.assert_array_equal(first.vertices, again.vertices)
     np.testing.assert_array_equal(first.faces, again.faces)
     Mesh.checked(first.vertices, first.faces)
     if damage != "clean":
-        other = show(mesh.vertices, mesh.faces, damage, 5, 9)
+        other = corrupt(mesh.vertices, mesh.faces, damage, 5, 9)
         assert np.abs(other.similarity.rotation - first.similarity.rotation).max() > 0.01
-        rotated = show(mesh.vertices, mesh.faces, "rotated", 5, 8)
+        rotated = corrupt(mesh.vertices, mesh.faces, "rotated", 5, 8)
         np.testing.assert_array_equal(rotated.similarity.rotation, first.similarity.rotation)
 
 
 def test_clean_is_the_file_and_planes_come_back_from_every_pose():
     shape = known("mirror")
     mesh = as_mesh(shape)
-    clean = show(mesh.vertices, mesh.faces, "clean", 0, 0)
+    clean = corrupt(mesh.vertices, mesh.faces, "clean", 0, 0)
     assert clean.vertices is mesh.vertices
     frame = UnitFrame.of(mesh.vertices, mesh.faces)
     unit = frame.to_unit(mesh.vertices)
-    shown = show(mesh.vertices, mesh.faces, "rotated", 0, 4)
+    shown = corrupt(mesh.vertices, mesh.faces, "rotated", 0, 4)
     np.testing.assert_allclose(shown.similarity.points_to_unit(shown.vertices), unit, atol=1e-12)
     # A plane seen in the shown mesh is a symmetry of the intact one after the way back.
     normal = shown.similarity.rotation @ shape.planes[0, :3]
@@ -171,4 +171,4 @@ def test_clean_is_the_file_and_planes_come_back_from_every_pose():
 
 def test_an_unknown_damage_is_refused():
     with pytest.raises(ValueError, match="damage is one of"):
-        show(box().vertices, box().faces, "rust", 0, 0)
+        corrupt(box().vertices, box().faces, "rust", 0, 0)

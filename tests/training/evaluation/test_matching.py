@@ -5,7 +5,7 @@ import pytest
 
 from model.geometry.transforms import rotation_matrix
 from model.types import FloatArray
-from training.evaluation.matching import Found, FoundAxis, clear, match
+from training.evaluation.matching import Found, FoundAxis, clear, match, matched_once
 from training.oracle.truth import Truth, TruthAxis
 
 X, Y, Z = np.eye(3)
@@ -163,3 +163,11 @@ def test_clear_keeps_what_is_exact_only():
 def test_nothing_against_nothing():
     result = match(truth_of(NOWHERE), Found(NOWHERE))
     assert result.planes.shape == result.axes.shape == result.true_planes.shape == (0,)
+
+
+def test_a_plane_returned_twice_is_right_once_and_every_member_of_a_family():
+    truth = truth_of([plane(X), plane(Y)])
+    answer = Found(np.array([plane(X), plane(X), plane(turned(X, 45.0)), plane(Y)]))
+    assert matched_once(truth, answer, match(truth, answer).true_planes) == [True, False, False, True]
+    family = Found(np.array([plane(turned(X, angle)) for angle in (10.0, 50.0, 70.0)]))
+    assert matched_once(CYLINDER, family, match(CYLINDER, family).true_planes) == [True] * 3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.types import FloatArray
-from training.evaluation.matching import clear_axes_found, clear_planes_found, ground_truth_error
+from training.evaluation.matching import FoundAxis, clear_axes_found, clear_planes_found, ground_truth_error
 from training.oracle.truth import Truth, TruthAxis
 
 X, Y, Z = np.eye(3)
@@ -65,6 +65,8 @@ def test_planes_and_axes_are_met_within_the_tolerances():
     assert clear_planes_found(truth, planes, 1.0, 0.01) == 1
     assert clear_planes_found(truth, planes, 5.0, 0.01) == 2
     assert clear_planes_found(truth, np.array([turned(0.0, 0.03)]), 5.0, 0.01) == 0
-    tilted = np.array([[0.0, np.sin(np.radians(3.0)), np.cos(np.radians(3.0))]])
-    assert clear_axes_found(truth, -tilted, 5.0, 0.01) == 1
-    assert clear_axes_found(truth, tilted, 1.0, 0.01) == 0
+    tilted = np.array([0.0, np.sin(np.radians(3.0)), np.cos(np.radians(3.0))])
+    origin = np.zeros(3)
+    assert clear_axes_found(truth, [FoundAxis(-tilted, origin, 2)], 5.0, 0.01) == 1
+    assert clear_axes_found(truth, [FoundAxis(tilted, origin, 2)], 1.0, 0.01) == 0
+    assert clear_axes_found(truth, [FoundAxis(Z, np.array([0.02, 0.0, 0.0]), 2)], 5.0, 0.01) == 0

@@ -1,0 +1,134 @@
+"""Experiments: shipped ones fit the code, results come out whole, an interrupted one goes on, networks are trained."""
+
+import csv
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import training.evaluation.evaluate as evaluation
+from training.__main__ import app
+from training.data.prepared import PreparedSet
+from training.evaluation.corruptions import DAMAGES
+from training.evaluation.registry import expand
+from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE
+from training.recipe import Recipe
+from training.reproduction.experiment import Experiment, known_experiments
+from training.reproduction.networks import judged_on
+from training.reproduction.run import reproduce
+from training.shapes.catalogue import write_shapes
+
+HEAD = """
+title = "A table"
+claim = "The paper says so."
+differences = "None."
+minimum = "Nothing."
+"""
+COMPARE = (
+    HEAD
+    + """
+methods = ["pca", "pca+refined"]
+columns = ["shapes", "clear_best_mean", "gte_mean", "completion"]
+damages = ["rotated", "partial"]
+symmetric = true
+limit = 4
+gallery = 2
+"""
+)
+TRAIN = (
+    HEAD
+    + """
+methods = ["pca"]
+columns = ["shapes", "best_mean"]
+chart = "best_mean"
+limit = 3
+steps = 2
+train_share = 0.6
+[[variants]]
+name = "tiny"
+label = "pca"
+settings = [
+  "network.resolution=8", "network.channels=[]", "network.width=1", "loss.samples=50", "optimizer.batch=4",
+  "validation_share=0.3",
+]
+methods = ["raw:WEIGHTS"]
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("reproduction") / "meshes"
+    write_shapes(root, 24, seed=3, only=("box", "mirror", "none"))
+    return root
+
+
+@pytest.mark.parametrize("name", known_experiments())
+def test_shipped_experiments_name_what_there_is(name: str):
+    experiment = Experiment.load(name)
+    columns = {column[0] for column in (*BEST_PLANE, *ALL_SYMMETRIES)}
+    assert {*experiment.columns, experiment.chart} <= columns
+    assert set(experiment.damages) <= set(DAMAGES)
+    expand(experiment.methods)
+    assert experiment.methods or experiment.variants
+    for variant in experiment.variants:
+        Recipe.load(experiment.recipe).with_settings(variant.settings)
+        expand([method.replace("WEIGHTS", "x.safetensors") for method in variant.methods])
+
+
+def test_results_come_out_and_a_second_call_judges_nothing_anew(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    recipe, out = tmp_path / "compare.toml", tmp_path / "out"
+    recipe.write_text(COMPARE)
+    text = reproduce(str(recipe), [folder], out, progress=False)
+    assert text.count("| PCA + refinement | 4 |") == 2
+    assert "The paper says so." in text
+    rows = list(csv.DictReader((out / "results.csv").read_text().splitlines()))
+    assert [(row["damage"], row["method"]) for row in rows] == [
+        ("rotated", "pca"),
+        ("rotated", "pca+refined"),
+        ("partial", "pca"),
+        ("partial", "pca+refined"),
+    ]
+    by = {(row["damage"], row["method"]): float(row["clear_best_mean"]) for row in rows}
+    assert by["rotated", "pca+refined"] < 1e-12
+    assert by["rotated", "pca+refined"] < by["partial", "pca"]
+    for picture in ("chart.png", "gallery-rotated.png", "gallery-partial.png"):
+        assert (out / picture).read_bytes().startswith(b"\x89PNG")
+    monkeypatch.setattr(evaluation, "_judge_file", None)  # would fail if it were called
+    assert reproduce(str(recipe), [folder], out, progress=False) == text
+
+
+def test_networks_are_trained_on_shapes_that_none_is_judged_on(folder: Path, tmp_path: Path):
+    recipe, out = tmp_path / "train.toml", tmp_path / "out"
+    recipe.write_text(TRAIN)
+    text = reproduce(str(recipe), [folder], out, progress=False)
+    assert "| tiny: raw | 3 |" in text
+    prepared = PreparedSet(out / "prepared-8")
+    trained = {shape.name for shape in prepared.shapes}
+    assert 0 < len(trained) < 24
+    assert not any(judged_on(name, 0.6) for name in trained)
+    assert (out / "curves.png").is_file()
+    weights = (out / "tiny.safetensors").read_bytes()
+    assert reproduce(str(recipe), [folder], out, progress=False) == text
+    assert (out / "tiny.safetensors").read_bytes() == weights
+
+
+def test_without_meshes_procedural_ones_are_made(tmp_path: Path):
+    recipe = tmp_path / "compare.toml"
+    recipe.write_text(COMPARE.replace('["rotated", "partial"]', '["clean"]').replace("gallery = 2", ""))
+    text = reproduce(str(recipe), [], tmp_path / "out", limit=2, progress=False)
+    assert "clean: 2 shapes, 2 of them with a clear plane" in text
+
+
+def test_the_command_lists_experiments_and_says_what_is_wrong(tmp_path: Path):
+    listed = CliRunner().invoke(app, ["reproduce", "list"])
+    assert listed.exit_code == 0
+    assert "Table 1" in listed.output
+    wrong = CliRunner().invoke(app, ["reproduce", "table99"])
+    assert wrong.exit_code == 2
+    assert "there is no experiment" in wrong.output
+    recipe = tmp_path / "misspelt.toml"
+    recipe.write_text(COMPARE + "colour = 3\n")
+    assert "has no field colour" in CliRunner().invoke(app, ["reproduce", str(recipe)]).output

@@ -1,0 +1,165 @@
+"""`training reproduce`: one experiment from meshes to a table, a CSV file and pictures."""
+
+import csv
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from training.evaluation.evaluate import Options, evaluate
+from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE, Column, summarise, table
+from training.reproduction.experiment import Experiment
+from training.reproduction.networks import judged_on, train_networks
+from training.reproduction.pictures import draw_chart, draw_gallery
+from training.shapes.catalogue import write_shapes
+from training.trainer.curve import draw_curves
+
+PROCEDURAL = 120
+"""Shapes that are made where no folder is given."""
+
+_KNOWN: dict[str, Column] = {column[0]: column for column in (*BEST_PLANE, *ALL_SYMMETRIES)}
+
+
+def reproduce(
+    name: str,
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    ground_truth: Path | None = None,
+    recorded: Path | None = None,
+    limit: int | None = None,
+    train_limit: int | None = None,
+    steps: int | None = None,
+    methods: Sequence[str] = (),
+    damages: Sequence[str] = (),
+    seed: int = 0,
+    workers: int = 1,
+    progress: bool = True,
+    tell: Callable[[str], None] = lambda line: None,
+) -> str:
+    """Run an experiment, or go on with one that was interrupted, and write its results.
+
+    Args:
+        name: of a file in `experiments`, or a TOML file.
+        folders: of meshes; without any, procedural shapes are made in ``out``.
+        out: folder of the results: ``results.md``, ``results.csv``, pictures; records and runs to resume from.
+        ground_truth: file of `training groundtruth`.
+        recorded: planes of other programs, judged beside (`training.evaluation.recorded`).
+        limit: judge so many shapes instead of the experiment's number.
+        train_limit: train on so many shapes at most.
+        steps: of every training instead of the experiment's.
+        methods: instead of the experiment's.
+        damages: instead of the experiment's.
+        seed: of poses, damage and the draw.
+        workers: processes.
+        progress: show bars.
+        tell: called with a line about every step.
+
+    Returns:
+        the text of ``results.md``.
+
+    Raises:
+        ValueError: an argument does not fit.
+    """
+    experiment = Experiment.load(name)
+    if methods:
+        experiment = replace(experiment, methods=tuple(methods))
+    if damages:
+        experiment = replace(experiment, damages=tuple(damages))
+    experiment = replace(experiment, limit=limit or experiment.limit)
+    out.mkdir(parents=True, exist_ok=True)
+    if not folders:
+        folders = [out / "shapes"]
+        if not (folders[0] / "ground_truth.json").is_file():
+            write_shapes(folders[0], PROCEDURAL, seed)
+    names = dict.fromkeys(experiment.methods)
+    only: Callable[[str], bool] | None = None
+    titles: dict[str, str] = {}
+    if experiment.variants:
+        trained = train_networks(
+            experiment,
+            folders,
+            out,
+            steps=steps,
+            limit=train_limit,
+            workers=workers,
+            progress=progress,
+            tell=tell,
+        )
+        for variant, weights in trained.values():
+            for method in variant.methods:
+                full_name = method.replace("WEIGHTS", str(weights))
+                names[full_name] = None
+                titles[full_name] = f"{variant.name}: {method.partition(':')[0]}"
+        draw_curves([out / "runs" / variant for variant in trained], out / "curves.png")
+        only = partial(judged_on, train_share=experiment.train_share)
+
+    sections: list[str] = []
+    rows: list[dict[str, Any]] = []
+    charts: dict[str, Mapping[str, Mapping[str, Any]]] = {}
+    for damage in experiment.damages:
+        tell(f"{name}: {damage}")
+        options = Options(
+            damage, tuple(names), experiment.max_error, seed, experiment.symmetric, experiment.words,
+            "" if recorded is None or damage not in ("clean", "rotated") else str(recorded),
+        )  # fmt: skip
+        records = evaluate(
+            folders,
+            options,
+            limit=experiment.limit,
+            ground_truth=ground_truth,
+            workers=workers,
+            resume=out / f"records-{damage}.jsonl",
+            progress=progress,
+            only=only,
+        )
+        report = summarise(records, experiment.max_error)
+        figures = {key: of | {"title": titles.get(key, of["title"])} for key, of in report["methods"].items()}
+        charts[damage] = figures
+        sections.append(_section(experiment, damage, report, figures))
+        rows += [{"damage": damage, "method": key, **_plain(of)} for key, of in figures.items()]
+        if experiment.gallery:
+            done = [record for record in records if "skipped" not in record]
+            draw_gallery(folders, done[: experiment.gallery], figures, out / f"gallery-{damage}.png")
+    draw_chart(charts, _KNOWN[experiment.chart], out / "chart.png")
+    _write_csv(out / "results.csv", rows)
+    text = _page(experiment, folders, sections)
+    (out / "results.md").write_text(text + "\n", encoding="utf-8")
+    return text
+
+
+def _section(
+    experiment: Experiment, damage: str, report: Mapping[str, Any], figures: Mapping[str, Mapping[str, Any]]
+) -> str:
+    columns = [_KNOWN[key] for key in experiment.columns] or [*BEST_PLANE, *ALL_SYMMETRIES]
+    return (
+        f"{damage}: {report['shapes']} shapes, {report['clear']} of them with a clear plane, "
+        f"{report['clear_planes']} clear planes; t = {experiment.max_error:g}\n\n{table(figures, columns)}"
+    )
+
+
+def _page(experiment: Experiment, folders: Sequence[Path], sections: Sequence[str]) -> str:
+    head = [
+        f"# {experiment.title}",
+        f"The paper, on its own shapes: {experiment.claim}",
+        f"Differences: {experiment.differences}",
+        f"What it takes: {experiment.minimum}",
+        "Shapes: " + ", ".join(folder.name for folder in folders),
+    ]
+    return "\n\n".join([*head, *sections])
+
+
+def _plain(figures: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in figures.items() if not isinstance(value, dict)}
+
+
+def _write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    columns = dict.fromkeys(key for row in rows for key in row)
+    with path.open("w", newline="", encoding="utf-8") as lines:
+        writer = csv.DictWriter(lines, list(columns))
+        writer.writeheader()
+        writer.writerows(
+            {key: json.dumps(value) if isinstance(value, list) else value for key, value in row.items()} for row in rows
+        )
