@@ -85,7 +85,7 @@ class WorkerPool:
                     self._idle.remove(worker)
                     self._discard(worker, "lost")
 
-    def admit(self) -> "Place":
+    def admit(self) -> "QueueSlot":
         """Admit a request.
 
         Raises:
@@ -93,7 +93,7 @@ class WorkerPool:
         """
         self.require_room()
         self.admitted += 1
-        return Place(self)
+        return QueueSlot(self)
 
     def require_room(self) -> None:
         """Return if a request would be admitted now.
@@ -349,13 +349,13 @@ class WorkerPool:
         self._begin(self._revive())
 
 
-class Place:
+class QueueSlot:
     """A request's slot in the pool, a context manager. It is free again as soon as the request is over."""
 
     def __init__(self, pool: WorkerPool) -> None:
         self._pool = pool
 
-    def __enter__(self) -> "Place":
+    def __enter__(self) -> "QueueSlot":
         return self
 
     def __exit__(

@@ -77,6 +77,7 @@ NAN, INF = float("nan"), float("inf")
         ("mesh.obj.gz", b"\x1f\x8b\x08"),
         ("really_a_ply.stl", ply(SQUARE, [[0, 1, 2]])),
         ("really_a_glb.obj", b"glTF\x02\0\0\0" + b"\0" * 64),
+        ("other.3mf", zip_of(readme=b"no model here")),
     ],
 )
 def test_unsupported_format(server: Server, name: str, content: bytes) -> None:
@@ -103,7 +104,6 @@ def test_unsupported_format(server: Server, name: str, content: bytes) -> None:
             "scenes": [{"nodes": [0]}], "scene": 0,
         }).encode()),
         ("junk.3mf", b"PK\x03\x04" + b"\0" * 40),
-        ("other.3mf", zip_of(readme=b"no model here")),
     ],
 )  # fmt: skip
 def test_unreadable_mesh(server: Server, name: str, content: bytes) -> None:
@@ -162,7 +162,7 @@ def test_malformed_requests(server: Server) -> None:
 
 def test_bad_parameters_addresses_and_methods(server: Server) -> None:
     check_problem(server.detect("a.obj", b"", mode="quick"), "invalid-parameter", 400)
-    check_problem(server.detect("a.obj", b"", tolerance=1), "invalid-parameter", 400)
+    check_problem(server.detect("a.obj", b"", threshold=1), "invalid-parameter", 400)
     check_problem(httpx.get(f"{server.url}/nothing"), "not-found", 404)
     check_problem(httpx.get(f"{server.url}/detect"), "method-not-allowed", 405)
     check_problem(httpx.delete(f"{server.url}/health"), "method-not-allowed", 405)
@@ -212,11 +212,11 @@ def test_limit_holds_while_a_chunked_body_without_length_streams_in(strict_serve
 def test_overload_is_refused_and_told_when_to_come_back(strict_server: Server, data: Path) -> None:
     chair = (data / "chair.obj").read_bytes()
     answers: list[httpx.Response] = []
-    workers = load.workers_of(strict_server.process.pid)
-    assert workers
-    for worker in workers:
-        os.kill(worker, signal.SIGSTOP)  # what is sent to them now stays unanswered, however fast the machine is
+    zygote = load.zygote_of(strict_server.process.pid)
+    os.kill(zygote, signal.SIGSTOP)  # no worker is started now: a request waits for one, however fast the machine is
     try:
+        for worker in load.workers_of(strict_server.process.pid):
+            os.kill(worker, signal.SIGKILL)
         running = threading.Thread(target=lambda: answers.append(strict_server.detect("chair.obj", chair)))
         running.start()
         end = time.monotonic() + 60
@@ -227,8 +227,7 @@ def test_overload_is_refused_and_told_when_to_come_back(strict_server: Server, d
         check_problem(refused, "overloaded", 503)
         assert int(refused.headers["retry-after"]) >= 1
     finally:
-        for worker in workers:
-            os.kill(worker, signal.SIGCONT)
+        os.kill(zygote, signal.SIGCONT)
     running.join()
     assert [answer.status_code for answer in answers] == [200]
     assert strict_server.detect("chair.obj", chair).status_code == 200
