@@ -15,7 +15,7 @@ from model.search.levels import choose
 from model.symmetries import Candidate, FoundAxis, FoundPlane, Level, Symmetries
 from model.types import FloatArray
 
-_ENOUGH_FLAT, _EVERY_WAY = 0.3, 0.05
+_ENOUGH_FLAT, _EVERY_WAY = 0.3, 0.01
 
 _MANY, _FEWEST = 3, 200
 """Beyond so many elements each is measured on fewer samples, the group being its own proof, but on so many at least."""

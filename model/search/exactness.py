@@ -25,7 +25,7 @@ _SLACK = 1.25
 
 _RELATIVE = 1e-6
 _ON_EDGE = 1e-6
-_CELL = 0.02
+_CELL = 0.05
 """Points that deviate nearer to each other than this, unit frame, are one patch."""
 
 _MOST_PATCHES = 8
