@@ -117,7 +117,7 @@ def test_a_missing_stud_breaks_the_group_and_is_named(detector: Detector) -> Non
     ]
     assert level.breaks
     for patch in level.breaks:
-        assert min(np.linalg.norm(patch.center - corner) for corner in corners) < 0.8 * scale
+        assert min(np.linalg.norm(patch.center - corner) for corner in corners) < scale
     assert level.breaks[0].max_distance == pytest.approx(1.5 * scale, rel=0.1)
     assert detector.detect(mesh, level="exact").point_group in ("C1", "Cs")  # a diagonal of a plate that is no square
 
