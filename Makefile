@@ -23,14 +23,14 @@ serve: $(VENV)/.serve ## serve on http://127.0.0.1:8000 with the shipped weights
 	@exec $(BIN)/prsnet serve --port $(PORT)
 
 test: $(VENV)/.dev ## run the tests (ARGS= goes to pytest)
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
 check: $(VENV)/.dev ## format, lint, types, import rules
 	@$(BIN)/ruff format --check -q . && $(BIN)/ruff check -q .
 	@$(BIN)/pyright --pythonpath $(BIN)/python
 	@$(BIN)/lint-imports --no-cache
 
-format: $(VENV)/.dev ## format the code and mend what the linter can mend
+format: $(VENV)/.dev ## format the code and fix what the linter can fix
 	@$(BIN)/ruff check -q --fix . ; $(BIN)/ruff format -q .
 
 bench: $(VENV)/.dev ## measure latency and throughput of POST /detect over loopback

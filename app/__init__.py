@@ -1,6 +1,7 @@
 """The HTTP service, its client, and the command line around the ``model`` package.
 
-``main`` wires, ``routes`` answers, ``detection`` turns bytes into an answer, ``workers`` run that off the event loop.
+``http`` serves, ``workers`` run ``detection`` in processes of their own, ``outputs`` writes answers, ``cli`` and
+``client`` are what people and programs use.
 
 What programs use is here, loaded on first use: `detect`, `complete`, `halve` and `align` in this process, `Client` and
 `AsyncClient` with a running service, and the errors that clients raise.
@@ -58,6 +59,10 @@ __all__ = [
     "detect",
     "halve",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,7 @@ from app import schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
 from model.completion.mirroring import Completed, complete
 from model.errors import NoPlaneError
-from model.formats import Resources, no_resources
+from model.formats.reading import Resources, no_resources
 from model.meshes.colors import carried_colors
 from model.meshes.mesh import Mesh
 

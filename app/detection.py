@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from app import schemas
 from app.schemas import Include, LevelName, Mode
-from model.formats import MOST_NODES, MOST_UNPACKED_BYTES, Resources, no_resources, read_mesh
+from model.formats.reading import MOST_NODES, MOST_UNPACKED_BYTES, Resources, no_resources, read_mesh
 
 if TYPE_CHECKING:
     from model.detection import Axis, Detection, Level, Plane, Rejected

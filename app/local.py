@@ -1,4 +1,4 @@
-"""The service without a service: the same answers, in this process.
+"""The library: the same answers as the service gives, computed in this process.
 
 >>> from app import detect
 >>> detect("chair.obj").planes[0].matrix
@@ -18,9 +18,9 @@ from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
 from app.outputs.mesh_file import MeshWriter
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.planes import PlaneLike, plane_numbers
-from app.schemas import Completion, DetectResponse, Include, LevelName, MeshFormat, Mode
+from app.schemas import Completion, DetectResponse, Include, LevelName, Mode
 from model.completion import mirroring
 from model.completion.alignment import alignment
 from model.formats.conversion import MeshLike, as_mesh
@@ -30,6 +30,8 @@ from model.meshes.mesh import Mesh
 from model.types import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
+    import trimesh
+
     from app.detection import SymmetryDetector
 
 
@@ -44,6 +46,10 @@ class CompletedGeometry:
     faces: IntArray
     completion: Completion
     colors: ByteArray | None = None
+
+    def to_trimesh(self) -> "trimesh.Trimesh":
+        """A ``trimesh.Trimesh`` with the same vertices and faces, none merged, removed or reordered."""
+        return Mesh(self.vertices, self.faces).to_trimesh()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
@@ -180,21 +186,19 @@ def writer_for(path: str | os.PathLike[str]) -> MeshWriter:
     Raises:
         ValueError: there is none for its extension.
     """
-    extension = Path(path).suffix[1:].lower()
-    for name, writer in WRITERS.items():
-        if name == extension:
-            return writer
-    raise ValueError(f"the name must end in {', '.join('.' + name for name in WRITERS)}")
+    return MESH_WRITERS[mesh_format(path)]
 
 
-def mesh_format(path: str | os.PathLike[str]) -> MeshFormat:
+def mesh_format(path: str | os.PathLike[str]) -> str:
     """The format that a file's name tells.
 
     Raises:
         ValueError: there is no writer for it.
     """
-    writer = writer_for(path)
-    return next(name for name, known in WRITERS.items() if known is writer)
+    extension = Path(path).suffix[1:].lower()
+    if extension not in MESH_WRITERS:
+        raise ValueError(f"the name must end in {', '.join('.' + name for name in MESH_WRITERS)}")
+    return extension
 
 
 @functools.cache

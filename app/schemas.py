@@ -1,17 +1,15 @@
 """The JSON this service answers with. Every coordinate is in the input frame, every number finite."""
 
-import math
 from collections.abc import Collection
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field
+
+from model.summary import SymmetrySummary
 
 Mode: TypeAlias = Literal["full", "paper"]
 LevelName: TypeAlias = Literal["auto", "exact"]
 Include: TypeAlias = Literal["rejected", "bop"]
-Format: TypeAlias = Literal["json", "glb", "bop", "shrec", "csv"]
-MeshFormat: TypeAlias = Literal["ply", "glb", "obj", "stl"]
 Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 Row: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
 Matrix: TypeAlias = Annotated[list[Row], Field(min_length=4, max_length=4)]
@@ -29,95 +27,6 @@ class Schema(BaseModel):
     """Base of all schemas: immutable, no unknown members, no NaN, no infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class DetectQuery(Schema):
-    """Options of ``POST /detect``."""
-
-    mode: Mode = Field(
-        default="full",
-        description="`full`: all symmetries, refined. `paper`: the network's output, validated as there.",
-    )
-    max_error: float = Field(
-        default=4e-4,
-        gt=0,
-        le=1,
-        description="Largest symmetry error of a result, unit frame (the paper's threshold).",
-    )
-    level: LevelName = Field(
-        default="auto",
-        description="Of the groups that hold, which one is answered with: `auto`, the one with the most room above it; "
-        "`exact`, the largest that holds everywhere up to what the file promises. Full mode only.",
-    )
-    tolerance: float | None = Field(
-        default=None,
-        gt=0,
-        le=1e60,
-        description="Instead of a level: the largest group within this RMS deviation, input units. Full mode only.",
-    )
-    include: list[Include] = Field(
-        default=[], description="Also return rejected candidates, or the result as BOP JSON. Repeatable."
-    )
-    format: Format | None = Field(
-        default=None,
-        description="What to answer with; without it the header Accept decides, and without both it is JSON.",
-    )
-
-
-class CompleteQuery(Schema):
-    """Options of ``POST /complete``."""
-
-    format: MeshFormat = Field(default="ply", description="File format of the completed mesh.")
-    normal: str | None = Field(
-        default=None,
-        max_length=200,
-        description="The plane to mirror at, as x,y,z of any length, with `offset`. Default: the best plane detected.",
-        examples=["1,0,0"],
-    )
-    offset: float | None = Field(
-        default=None, ge=-1e60, le=1e60, description="The plane is normal·x + offset = 0 in input coordinates."
-    )
-    symmetrize: bool = Field(default=False, description="Also average both halves, so that they become equal.")
-    max_error: float = Field(
-        default=4e-4,
-        gt=0,
-        le=1,
-        description="Largest symmetry error of a plane that is detected; a damaged mesh may need more.",
-    )
-
-    @field_validator("normal")
-    @classmethod
-    def _three_numbers(cls, value: str | None) -> str | None:
-        if value is not None:
-            _direction(value)
-        return value
-
-    @field_validator("offset")
-    @classmethod
-    def _with_normal(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if value is not None and info.data.get("normal", "") is None:
-            raise PydanticCustomError("alone", "needs normal as well")
-        return value
-
-    @property
-    def plane(self) -> list[float] | None:
-        """Unit normal and offset, or None where the plane is to be detected."""
-        if self.normal is None:
-            return None
-        vector = _direction(self.normal)
-        length = math.hypot(*vector)
-        return [*(x / length for x in vector), (self.offset or 0.0) / length]
-
-
-def _direction(text: str) -> list[float]:
-    parts = text.split(",")
-    try:
-        vector = [float(part) for part in parts]
-    except ValueError:
-        raise PydanticCustomError("direction", "should be three numbers, as in 1,0,0") from None
-    if len(vector) != 3 or not 1e-60 < math.hypot(*vector) < 1e60:
-        raise PydanticCustomError("direction", "should be three numbers that are not all zero, as in 1,0,0")
-    return vector
 
 
 class Plane(Schema):
@@ -296,7 +205,7 @@ class BopEntry(Schema):
     symmetries_continuous: list[BopContinuous] | None = Field(default=None, description="Left out if there are none.")
 
 
-class DetectResponse(Schema):
+class DetectResponse(SymmetrySummary, Schema):
     """One symmetry group: its planes and axes, exact ones first. An asymmetric mesh has none and the group C1."""
 
     planes: list[Plane]

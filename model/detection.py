@@ -7,6 +7,7 @@ import numpy as np
 
 from model.geometry.transforms import reflection_homogeneous, rotation_homogeneous
 from model.meshes.mesh import Mesh
+from model.summary import SymmetrySummary
 from model.symmetries import Reason
 from model.types import FloatArray
 
@@ -106,8 +107,8 @@ class Level:
     breaks: list[Patch] = field(default_factory=list[Patch])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Detection:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Detection(SymmetrySummary):
     """Everything found on one mesh; ``unit = (input - center) / scale``.
 
     Planes and axes are those of ``point_group``. What is exact comes first, then by error, of axes the higher order

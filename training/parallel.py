@@ -1,4 +1,4 @@
-"""One job after the other, or spread over processes."""
+"""Map a function over items, in this process or in several."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor

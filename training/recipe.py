@@ -14,10 +14,10 @@ RECIPES = Path(__file__).parent / "recipes"
 
 @dataclass(frozen=True, slots=True)
 class InputRecipe:
-    """How a shape is turned before it is voxelized.
+    """How a shape is rotated before it is voxelized.
 
     ``frame``: ``unit`` draws a uniform rotation for every sample (the paper's augmentation, on the fly);
-    ``inertia`` turns the input to the eigenvectors of its surface covariance, signs at random. On top of
+    ``inertia`` rotates the input to the eigenvectors of its surface covariance, signs at random. On top of
     ``inertia`` comes a small rotation: with probability ``jitter_shares[i]`` normal with ``jitters[i]`` radians a
     component. Where two eigenvalues lie closer than ``tie`` (relative to the largest) their eigenvectors are
     arbitrary, so the angle between them is drawn accordingly wider, up to uniform.
@@ -31,12 +31,15 @@ class InputRecipe:
 
 @dataclass(frozen=True, slots=True)
 class DamageRecipe:
-    """What is done to the input while the loss still judges on the whole shape (paper, section 6.6).
+    """Damage done to the input; the loss is computed on the whole shape (paper, section 6.6).
 
     ``share`` of the shapes lose the triangles in a ball, its ``radius`` (from, to) a share of the unit frame's edge.
     ``cuts`` of the shapes lose what lies beyond a random plane: a missing bottom, a scan from one side. Neither takes
-    more than half of the surface. Of ``noise`` of the shapes every vertex is moved, by at most ``noise_size`` standard
-    deviations (unit frame) a coordinate.
+    more than half of the surface. ``noise`` of the shapes get uniform noise on every vertex, its standard deviation
+    (unit frame) drawn up to ``noise_size``. ``clusters`` of them are decimated: vertices in one cell of a random grid,
+    its edge drawn up to ``cluster_size``, become one. Of ``doubled`` of them the part beyond a random plane is there
+    twice.
+    ``spikes`` of them get a needle of a length drawn up to ``spike_length`` on a random triangle.
     """
 
     share: float = 0.0
@@ -127,11 +130,11 @@ class InferenceRecipe:
     """What the detector does with these weights; copied into the shipped metadata."""
 
     passes: int = 1
-    """Forward passes: after each one the input is turned into the predicted frame."""
+    """Forward passes: after each one the input is rotated into the predicted frame."""
     sign_frames: int = 1
-    """8 averages every head over the sign choices of the inertia frame in one batch; 1 takes the frame as it comes."""
+    """Mirror images of each view, up to 8, that are fed in one batch; every output is a candidate (decision 0008)."""
     views: int = 1
-    """3 looks from two further frames and chooses on the voxels (`model.network.views`); 1 does not."""
+    """1: the input frame alone; 3: two further rotations of it as well (`model.network.views`)."""
 
 
 @dataclass(frozen=True, slots=True)

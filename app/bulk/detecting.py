@@ -235,7 +235,7 @@ class BulkDetector:
             max_unpacked_bytes=settings.max_unpacked_bytes,
             cpu_s=settings.deadline_s,
             size=size,
-            place="inline",
+            transport="inline",
         )
 
 

@@ -14,9 +14,9 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from app.bulk.libraries import filesystems, fsspec, pa
-from model.formats import SUPPORTED_FORMATS
+from model.formats import FORMATS
 
-MESHES = tuple(f".{name}" for name in SUPPORTED_FORMATS)
+MESHES = tuple(f".{name}" for name in FORMATS)
 SHARDS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz")
 _MAGIC = re.compile(r"[*?\[]")
 _SCHEME = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://")

@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 from app.client.errors import ClientError, UnreachableError
 from app.schemas import DetectResponse, Include, LevelName, Mode
+from app.threads import ONE_THREAD
 
 if TYPE_CHECKING:
     from app.client.client import Client
     from app.outputs.png import Up
-
-_ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +86,7 @@ def work(path: Path, task: Task) -> Outcome:
         model.CheckpointError: the weights cannot be used.
     """
     from app.local import detect
-    from app.outputs.glb import annotated_head
-    from app.outputs.meshes import WRITERS
+    from app.outputs import glb
     from app.outputs.png import picture
     from model.errors import MeshError
     from model.formats.conversion import as_mesh
@@ -106,8 +104,8 @@ def work(path: Path, task: Task) -> Outcome:
         )
         response = named(response, Path(path.name))
         if task.glb_folder is not None:
-            body = WRITERS["glb"].body(mesh.vertices, mesh.faces, response.mesh.bounds, mesh.colors)
-            task.write(path, task.glb_folder, ".glb", annotated_head(response, body) + body)
+            body = glb.WRITER.body(mesh.vertices, mesh.faces, response.mesh.bounds, mesh.colors)
+            task.write(path, task.glb_folder, ".glb", glb.annotated_head(response, body) + body)
         if task.png_folder is not None:
             drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)
             task.write(path, task.png_folder, ".png", drawn)
@@ -173,8 +171,8 @@ def _alone(path: Path, task: Task) -> Outcome:
 @contextmanager
 def _processes(count: int) -> Generator[Executor, None, None]:
     """Processes with one thread for arithmetic each: they are as many as there are cores."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_start) as pool:
             yield pool
@@ -192,12 +190,6 @@ def _start() -> None:
     use_one_thread()
 
 
-def bop_key(path: Path) -> str:
-    """The name of a model in ``models_info.json``: the number of ``obj_000012.ply``, or a file's name as it is."""
-    head, _, number = path.stem.partition("_")
-    return str(int(number)) if head == "obj" and number.isascii() and number.isdigit() else path.stem
-
-
 def named(response: DetectResponse, path: Path) -> DetectResponse:
-    """The answer with a path for its file's name: where several are told of, the last part is not enough."""
+    """The answer with a path for its file's name: with several files the last part alone may be ambiguous."""
     return response.model_copy(update={"mesh": response.mesh.model_copy(update={"filename": str(path)})})

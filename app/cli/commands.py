@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from app import __version__
 from app.cli import editing
 from app.cli.batch import Outcome, Task
 from app.cli.bulk import bulk
@@ -20,10 +21,26 @@ from app.schemas import Include, LevelName, Mode
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Find the mirror planes and rotation axes of 3D meshes.",
     epilog="Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all files failed, "
     "4 the service of --url is not there.",
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"prsnet {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Find the mirror planes and rotation axes of 3D meshes."""
+
+
 app.command()(bulk)
 
 
@@ -50,7 +67,7 @@ def serve(
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        # Environment variables may be at fault as well as options, so both names are told.
+        # Environment variables may be at fault as well as options, so both names are given.
         faults = [f"{item['loc'][0]} (PRSNET_{str(item['loc'][0]).upper()}): {item['msg']}" for item in error.errors()]
         raise typer.BadParameter("; ".join(faults)) from error
     try:
@@ -69,6 +86,7 @@ def detect(
     as_lines: Annotated[bool, typer.Option("--jsonl", help="JSON, one line a file, as soon as it is there.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="A row a plane or axis.")] = False,
     as_bop: Annotated[bool, typer.Option("--bop", help="A models_info.json for a BOP data set.")] = False,
+    format: Annotated[str | None, typer.Option(help="Print in a format; a wrong name lists them.")] = None,
     glb: Annotated[bool, typer.Option("--glb", help="Also write NAME-symmetries.glb with planes and axes.")] = False,
     png: Annotated[bool, typer.Option("--png", help="Also write a picture NAME-symmetries.png.")] = False,
     output: Annotated[
@@ -98,40 +116,45 @@ def detect(
     Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all failed, 4 the service is not there.
     """
     from app.cli import batch, inputs
-    from app.cli.listing import Format, Listing, format_of
+    from app.cli.listing import LINES, TABLE, Listing, format_of
+    from app.outputs.output_format import Options
     from app.settings import available_cores
 
     require_max_error(max_error)
     if tolerance is not None and not 0 < tolerance <= 1e60:
         raise typer.BadParameter("must be more than 0", param_hint="--tolerance")
-    if as_json + as_lines + as_csv + as_bop > 1:
-        raise typer.BadParameter("at most one of --json, --jsonl, --csv and --bop")
+    shorthands = {"json": as_json, LINES: as_lines, "csv": as_csv, "bop": as_bop}
+    formats = [name for name, asked in shorthands.items() if asked] + ([format] if format else [])
+    if len(formats) > 1:
+        raise typer.BadParameter("at most one of --format, --json, --jsonl, --csv and --bop")
     if up not in (None, "y", "z"):
         raise typer.BadParameter("must be y or z", param_hint="--up")
-    format: Format = "json" if as_json else "jsonl" if as_lines else "csv" if as_csv else "bop" if as_bop else "table"
-    as_bop = as_bop or (output is not None and not (glb or png) and format_of(output) == "bop")
-    wanted: dict[Include, bool] = {"rejected": rejected, "bop": as_bop}
-    include: list[Include] = [name for name, asked in wanted.items() if asked]
+    format = formats[0] if formats else TABLE
     file, folder = None, Path()
     if glb or png:
         folder = output or Path()
     elif output is not None:
         file = output
-        format = format if format != "table" else format_of(file) or "table"
-        if format == "table" or file.is_dir():
+        format = format if formats else format_of(file)
+        if format == TABLE or file.is_dir():
             raise typer.BadParameter(
-                "names a file for --json, --jsonl, --csv or --bop, or a folder for --glb and --png",
+                "names a file for --format, --json, --jsonl, --csv or --bop, or a folder for --glb and --png",
                 param_hint="--output",
             )
+    include: list[Include] = ["rejected"] if rejected else []
     if url is None:
         load(weights)  # what is wrong with the weights is wrong for all files
     with inputs.standard_input(files) as names:
         paths, missing = inputs.expand(names)
+        try:
+            listing = Listing(format, paths, Options(max_error, include), file)
+        except ValueError as error:
+            raise typer.BadParameter(str(error), param_hint="--format") from error
         shown = inputs.unlike(paths, lambda path: path.stem)
         task = Task(
             mode=mode,
             max_error=max_error,
-            include=tuple(include),
+            include=(*include, *listing.include),
             level=level,
             tolerance=tolerance,
             glb_folder=folder if glb else None,
@@ -144,10 +167,8 @@ def detect(
         )
         written = [place for path in paths for place in task.targets(path)]
         inputs.require_free(written if file is None else [*written, file], overwrite)
-        keys = inputs.unlike(paths, batch.bop_key)
-        listing = Listing(format, many=len(paths) > 1, include=include, keys=keys, file=file)
         outcomes = [Outcome(path, None, reason) for path, reason in missing]
-        with listing.progress(len(paths)) as advance:
+        with listing.progress() as advance:
             for outcome in batch.run(paths, task, jobs or min(available_cores(), max(1, len(paths)))):
                 outcomes.append(outcome)
                 listing.add(outcome)

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import typer
 
-from model.formats import SUPPORTED_FORMATS, content_format
+from model.formats import FORMATS
 
-EXTENSIONS = tuple(f".{name}" for name in SUPPORTED_FORMATS)
 STANDARD_INPUT = "-"
 _OWN_ENDING = "-symmetries.glb"
 _OWN_MARK = b'"generator":"prsnet"'
@@ -30,7 +29,7 @@ def expand(names: Iterable[str]) -> tuple[list[Path], list[tuple[Path, str]]]:
     for name in names:
         path = Path(name)
         if path.is_dir():
-            inside = (item for item in path.rglob("*") if item.suffix.lower() in EXTENSIONS and item.is_file())
+            inside = (item for item in path.rglob("*") if item.suffix[1:].lower() in FORMATS and item.is_file())
             matches, reason = sorted(inside), "The folder holds no mesh files."
         elif path.exists() or not glob.has_magic(name):
             found[path] = None
@@ -95,6 +94,8 @@ def standard_input(names: list[str]) -> Generator[list[str], None, None]:
     if STANDARD_INPUT not in names:
         yield names
         return
+    from model.formats.reading import content_format  # here: with the readers come their kernels
+
     data = sys.stdin.buffer.read()
     kind = content_format(data)
     if kind is None:

@@ -55,7 +55,7 @@ def plane_of(normal: str | None, offset: float) -> list[float] | None:
     """The plane of two options, as four numbers."""
     from pydantic import ValidationError
 
-    from app.schemas import CompleteQuery
+    from app.queries import CompleteQuery
 
     try:
         return CompleteQuery(normal=normal, offset=offset if normal is not None else None).plane

@@ -20,10 +20,8 @@ from app.schemas import (
     COMPLETION,
     KEY_HEADER,
     Completion,
-    Format,
     Include,
     LevelName,
-    MeshFormat,
     Mode,
     Problem,
     Schema,
@@ -48,7 +46,7 @@ class CompletedFile:
     """A completed mesh as the file it came as, and what was done."""
 
     data: bytes
-    format: MeshFormat
+    format: str
     completion: Completion
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -94,11 +92,11 @@ def _upload(source: Source, stack: ExitStack) -> list[tuple[str, bytes | BinaryI
     if isinstance(source, str | os.PathLike):
         path = Path(source)
         return [(item.name, stack.enter_context(item.open("rb"))) for item in (path, *companions(path))]
-    from app.outputs.meshes import WRITERS  # here: numba takes a second to import, and files do not need it
+    from app.outputs.ply import WRITER  # here: numba takes a second to import, and files do not need it
     from model.formats.conversion import as_mesh
 
     mesh = as_mesh(source)
-    return [("mesh.ply", WRITERS["ply"].file(mesh.vertices, mesh.faces, mesh.colors))]
+    return [("mesh.ply", WRITER.file(mesh.vertices, mesh.faces, mesh.colors))]
 
 
 def detect_call(
@@ -106,7 +104,7 @@ def detect_call(
     mode: Mode,
     max_error: float,
     include: Collection[Include],
-    format: Format | None = None,
+    format: str | None = None,
     level: LevelName = "auto",
     tolerance: float | None = None,
 ) -> Call:
@@ -117,9 +115,7 @@ def detect_call(
     return Call("POST", "/detect", query | ({"format": format} if format else {}), mesh)
 
 
-def complete_call(
-    mesh: Source, format: MeshFormat, plane: PlaneLike | None, symmetrize: bool, max_error: float
-) -> Call:
+def complete_call(mesh: Source, format: str, plane: PlaneLike | None, symmetrize: bool, max_error: float) -> Call:
     """``POST /complete``."""
     query: dict[str, Any] = {"format": format, "symmetrize": symmetrize, "max_error": max_error}
     if plane is not None:
@@ -140,7 +136,7 @@ def parsed(schema: type[S], text: bytes | str) -> S:
         raise UnexpectedAnswerError(f"The answer is no {schema.__name__} of this version of the client.") from error
 
 
-def completed(response: httpx.Response, format: MeshFormat) -> CompletedFile:
+def completed(response: httpx.Response, format: str) -> CompletedFile:
     """The answer of ``POST /complete``.
 
     Raises:
@@ -175,7 +171,7 @@ def pause(response: httpx.Response | None, attempt: int) -> float:
     return min(own, _LONGEST_PAUSE_S)
 
 
-class Settings:
+class ClientConfig:
     """What both clients are made from."""
 
     def __init__(

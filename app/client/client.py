@@ -19,8 +19,8 @@ import httpx
 
 from app.client.calls import (
     Call,
+    ClientConfig,
     CompletedFile,
-    Settings,
     Source,
     checked,
     complete_call,
@@ -30,7 +30,7 @@ from app.client.calls import (
     pause,
 )
 from app.planes import PlaneLike
-from app.schemas import DetectResponse, Format, Include, LevelName, MeshFormat, Mode, ModelCard
+from app.schemas import DetectResponse, Include, LevelName, Mode, ModelCard
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 TIMEOUT = httpx.Timeout(90.0, connect=5.0)
@@ -60,8 +60,8 @@ class Client:
         retries: int = 4,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
-        self._settings = Settings(url, api_key, timeout, retries, transport)
-        self._http = httpx.Client(**self._settings.arguments)
+        self._config = ClientConfig(url, api_key, timeout, retries, transport)
+        self._http = httpx.Client(**self._config.arguments)
 
     def __enter__(self) -> Self:
         return self
@@ -93,7 +93,7 @@ class Client:
     def export(
         self,
         mesh: Source,
-        format: Format,
+        format: str,
         *,
         mode: Mode = "full",
         max_error: float = 4e-4,
@@ -107,7 +107,7 @@ class Client:
         self,
         mesh: Source,
         *,
-        format: MeshFormat = "ply",
+        format: str = "ply",
         plane: PlaneLike | None = None,
         symmetrize: bool = False,
         max_error: float = 4e-4,
@@ -127,15 +127,15 @@ class Client:
             return False
 
     def _send(self, call: Call) -> httpx.Response:
-        for attempt in range(self._settings.retries + 1):
+        for attempt in range(self._config.retries + 1):
             response = None
             with call.arguments() as arguments:
                 try:
                     response = self._http.request(call.method, call.path, **arguments)
                 except httpx.TransportError as error:
-                    if failure := self._settings.unreachable(error, attempt):
+                    if failure := self._config.unreachable(error, attempt):
                         raise failure from error
-            if response is not None and self._settings.final(response, attempt):
+            if response is not None and self._config.final(response, attempt):
                 return checked(response)
             time.sleep(pause(response, attempt))
         raise AssertionError("the last attempt returns or raises")
@@ -153,8 +153,8 @@ class AsyncClient:
         retries: int = 4,
         transport: httpx.AsyncBaseTransport | None = None,
     ) -> None:
-        self._settings = Settings(url, api_key, timeout, retries, transport)
-        self._http = httpx.AsyncClient(**self._settings.arguments)
+        self._config = ClientConfig(url, api_key, timeout, retries, transport)
+        self._http = httpx.AsyncClient(**self._config.arguments)
 
     async def __aenter__(self) -> Self:
         return self
@@ -187,7 +187,7 @@ class AsyncClient:
     async def export(
         self,
         mesh: Source,
-        format: Format,
+        format: str,
         *,
         mode: Mode = "full",
         max_error: float = 4e-4,
@@ -201,7 +201,7 @@ class AsyncClient:
         self,
         mesh: Source,
         *,
-        format: MeshFormat = "ply",
+        format: str = "ply",
         plane: PlaneLike | None = None,
         symmetrize: bool = False,
         max_error: float = 4e-4,
@@ -221,15 +221,15 @@ class AsyncClient:
             return False
 
     async def _send(self, call: Call) -> httpx.Response:
-        for attempt in range(self._settings.retries + 1):
+        for attempt in range(self._config.retries + 1):
             response = None
             with call.arguments() as arguments:
                 try:
                     response = await self._http.request(call.method, call.path, **arguments)
                 except httpx.TransportError as error:
-                    if failure := self._settings.unreachable(error, attempt):
+                    if failure := self._config.unreachable(error, attempt):
                         raise failure from error
-            if response is not None and self._settings.final(response, attempt):
+            if response is not None and self._config.final(response, attempt):
                 return checked(response)
             await asyncio.sleep(pause(response, attempt))
         raise AssertionError("the last attempt returns or raises")

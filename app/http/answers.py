@@ -1,22 +1,21 @@
 """From a checked answer to the HTTP response: which format, which headers."""
 
-from collections.abc import Callable
-
 from starlette.responses import Response
 
-from app import schemas
+from app import queries, schemas
 from app.http.attachment import Attachment, disposition
 from app.http.runtime import Runtime
-from app.outputs import bop, csv_rows, shrec
-from app.outputs.meshes import WRITERS
 from app.outputs.negotiation import MEDIA_TYPES, Choice, choose
+from app.outputs.output_format import Options
+from app.outputs.registry import OUTPUTS
 from app.problems import NOT_ACCEPTABLE, OVERLOADED, ProblemError
 from app.workers.verify import Answer
 
 _VARY = {"Vary": "Accept"}
+_MEDIA_TYPES = {output.name: output.media_type for output in OUTPUTS}
 
 
-def wanted_format(query: schemas.DetectQuery, accept: str | None) -> Choice:
+def wanted_format(query: queries.DetectQuery, accept: str | None) -> Choice:
     """What to answer ``POST /detect`` with.
 
     Raises:
@@ -28,7 +27,7 @@ def wanted_format(query: schemas.DetectQuery, accept: str | None) -> Choice:
     return choice
 
 
-def detected(runtime: Runtime, answer: Answer, query: schemas.DetectQuery, choice: Choice) -> Response:
+def detected(runtime: Runtime, answer: Answer, query: queries.DetectQuery, choice: Choice) -> Response:
     """The response of ``POST /detect``.
 
     Raises:
@@ -36,20 +35,17 @@ def detected(runtime: Runtime, answer: Answer, query: schemas.DetectQuery, choic
     """
     response = answer.content
     assert isinstance(response, schemas.DetectResponse)
-    writers: dict[schemas.Format, Callable[[], bytes]] = {
-        "json": lambda: schemas.to_json(response, query.include),
-        "bop": lambda: bop.write(response),
-        "shrec": lambda: shrec.write(response, query.max_error),
-        "csv": lambda: csv_rows.write([response]),
-    }
-    if choice.format in writers:
-        # Not put together by Starlette, which would add a charset to any text; ours say what they are.
-        return Response(writers[choice.format](), headers={**_VARY, "Content-Type": _named(choice)})
-    headers = {**_VARY, "Content-Disposition": disposition(response.mesh.filename, "-symmetries.glb")}
+    output = choice.output
+    if output.write is not None:
+        content = output.write(response, Options(query.max_error, query.include))
+        # Not made by Starlette, which would add a charset to any text; ours say what they are.
+        return Response(content, headers={**_VARY, "Content-Type": _named(choice)})
+    ending = f"-symmetries.{output.name}"
+    headers = {**_VARY, "Content-Disposition": disposition(response.mesh.filename, ending)}
     return _attached(runtime, answer.file, headers, choice.media_type)
 
 
-def completed(runtime: Runtime, answer: Answer, format: schemas.MeshFormat) -> Response:
+def completed(runtime: Runtime, answer: Answer, format: str) -> Response:
     """The response of ``POST /complete``.
 
     Raises:
@@ -61,7 +57,7 @@ def completed(runtime: Runtime, answer: Answer, format: schemas.MeshFormat) -> R
         schemas.COMPLETION: content.completion.model_dump_json(),
         "Content-Disposition": disposition(content.mesh.filename, f"-completed.{format}"),
     }
-    return _attached(runtime, answer.file, headers, WRITERS[format].media_type)
+    return _attached(runtime, answer.file, headers, _MEDIA_TYPES[format])
 
 
 def _named(choice: Choice) -> str:

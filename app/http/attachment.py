@@ -1,4 +1,4 @@
-"""Sends a file that was made for a client: piece by piece, so that one who does not read holds nothing for long."""
+"""Sends a file in pieces with time limits: a client that does not read occupies memory only for a short time."""
 
 import asyncio
 import re

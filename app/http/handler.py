@@ -20,8 +20,8 @@ from app.workers.wire import Job
 T = TypeVar("T")
 
 
-async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
-    """What there is to say about the mesh that a request brings; ``wanted`` are members of `Job`.
+async def process_upload(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
+    """Read the mesh of a request, and have it worked on; ``wanted`` are members of `Job`.
 
     Raises:
         ProblemError: there is no answer, and why.
@@ -31,7 +31,7 @@ async def answer(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
     seconds = runtime.settings.deadline_s
     try:
         async with asyncio.timeout(seconds):
-            return await _answer(request, runtime, wanted)
+            return await _process(request, runtime, wanted)
     except TimeoutError as error:
         raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
     except TookTooLongError as error:
@@ -50,9 +50,9 @@ def _arrived(request: Request) -> None:
         request.scope["arrival"].end()
 
 
-async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
+async def _process(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
     settings = runtime.settings
-    _ = runtime.card  # not-ready is told before anything is read, and so is a full queue
+    _ = runtime.card  # refused with not-ready before anything is read, and a full queue likewise
     runtime.pool.require_room()
     peer = request.client.host if request.client is not None else ""
     slot = runtime.gate.slots.take(runtime.gate.address(request.headers.raw, peer))
@@ -83,7 +83,7 @@ async def _answer(request: Request, runtime: Runtime, wanted: dict[str, Any]) ->
             cpu_s=settings.deadline_s,
             size=upload.size,
             parts=[list(part) for part in upload.parts],
-            place="inline" if upload.file is None else "descriptor",
+            transport="inline" if upload.file is None else "descriptor",
             **wanted,
         )
         result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin, tenant))

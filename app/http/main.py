@@ -1,4 +1,4 @@
-"""Puts the application together."""
+"""Assembles the application."""
 
 import logging
 from collections.abc import AsyncGenerator

@@ -1,4 +1,4 @@
-"""What ``GET /metrics`` tells Prometheus. Labels take few values, none of which a client chooses."""
+"""The metrics of ``GET /metrics``, for Prometheus. Labels take few values, none of which a client chooses."""
 
 from collections.abc import Callable, Mapping
 

@@ -14,21 +14,22 @@ from app import problems, schemas
 from app.http import auth
 from app.http.middleware import HEADER
 from app.http.uploads import FIELD
-from app.outputs import csv_rows
-from app.outputs.meshes import WRITERS
+from app.outputs.output_format import Options, OutputFormat
+from app.outputs.registry import DETECT_OUTPUTS, OUTPUTS
 from app.problems import MEDIA_TYPE, ProblemType
+from model.formats import format_list
 
 TITLE = "PRS-Net"
 SUMMARY = "Finds the mirror planes and rotation axes of a 3D mesh."
-DESCRIPTION = """\
+DESCRIPTION = f"""\
 Send a mesh, get its symmetries in the file's own coordinates:
 
 ```
 curl -F file=@chair.obj http://127.0.0.1:8000/detect
 ```
 
-**Formats**: STL, OBJ, PLY, OFF, GLB, glTF, 3MF; told from the file's name, checked against its content.
-Files that a `.gltf` file refers to go beside it, in the same field:
+**Formats**: {format_list()}; told from the file's name, checked
+against its content. Files that a `.gltf` file refers to go beside it, in the same field:
 `curl -F file=@chair.gltf -F file=@chair.bin URL`.
 
 The answer is JSON. `format=`, or the header Accept, asks for an annotated GLB to look at, a BOP `models_info.json`
@@ -84,8 +85,19 @@ _EXAMPLE_RESPONSE: dict[str, Any] = {
     ],
     "similar": [],
 }
-_CSV = csv_rows.write([schemas.DetectResponse.model_validate(_EXAMPLE_RESPONSE)]).decode()
 _JSON = "application/json"
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+
+
+def _content(output: OutputFormat) -> dict[str, Any]:
+    """The media type object of an answer of ``POST /detect``."""
+    described = {"description": output.description}
+    if output.write is None:
+        return {**_BINARY, **described}
+    if output.schema is not None:
+        return {"schema": output.schema, **described}
+    response = schemas.DetectResponse.model_validate(_EXAMPLE_RESPONSE)
+    return {"schema": {"type": "string"}, **described, "example": output.write(response, Options(4e-4)).decode()}
 
 
 def _errors(*kinds: ProblemType) -> dict[int | str, dict[str, Any]]:
@@ -147,8 +159,6 @@ _UPLOAD_PROBLEMS = (
     problems.NOT_READY,
     problems.DEADLINE,
 )
-_BINARY = {"schema": {"type": "string", "format": "binary"}}
-_TEXT = {"schema": {"type": "string"}}
 
 DETECT: dict[str, Any] = {
     "tags": ["symmetry"],
@@ -158,23 +168,7 @@ DETECT: dict[str, Any] = {
         200: {
             "model": schemas.DetectResponse,
             "description": "The symmetries; empty lists if there are none.",
-            "content": {
-                "model/gltf-binary": {
-                    **_BINARY,
-                    "description": "`format=glb`: the mesh, each plane as a translucent quad, each axis as a thin rod; "
-                    "nodes `mesh`, `plane 0`, `axis 0`, and so on.",
-                },
-                "application/vnd.prsnet.bop+json": {
-                    "schema": _ref("BopEntry"),
-                    "description": "`format=bop`, then sent as application/json: an entry of `models_info.json`.",
-                },
-                "text/csv": {**_TEXT, "description": "`format=csv`: a row a plane or axis.", "example": _CSV},
-                "text/plain": {
-                    **_TEXT,
-                    "description": "`format=shrec`: how many planes, then `nx ny nz px py pz confidence` a line.",
-                    "example": "1\n1.0 0.0 0.0 0.5 0.42 0.3 1.0\n",
-                },
-            },
+            "content": {output.media_type: _content(output) for output in DETECT_OUTPUTS.values()},
         },
         **_errors(*_UPLOAD_PROBLEMS, problems.NOT_ACCEPTABLE),
     },
@@ -208,7 +202,7 @@ COMPLETE: dict[str, Any] = {
     "responses": {
         200: {
             "description": "The completed mesh as a file, in the mesh's own coordinates.",
-            "content": {writer.media_type: _BINARY for writer in WRITERS.values()},
+            "content": {output.media_type: _BINARY for output in OUTPUTS if output.mesh is not None},
             "headers": {
                 schemas.COMPLETION: {
                     "description": "What was done, as JSON.",

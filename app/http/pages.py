@@ -4,6 +4,8 @@ Everything they need is served from here, and their policies keep it so. Address
 service may live behind a path prefix.
 """
 
+import html
+import json
 import os
 import re
 from pathlib import Path
@@ -13,6 +15,9 @@ from fastapi.responses import FileResponse, HTMLResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.types import Scope
 
+from app.outputs.registry import MESH_WRITERS
+from model.formats import FORMATS
+
 STATIC = Path(__file__).parents[1] / "static"
 
 _VIEWER_POLICY = (
@@ -20,6 +25,7 @@ _VIEWER_POLICY = (
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 _DOCS_POLICY = "default-src 'self'; img-src 'self' data:; style-src 'self' 'unsafe-inline'"
+_FORMATS = "FORMATS"
 _LINK_TO_DOCS = re.compile(r'<a [^>]*href="docs"[^>]*>[^<]*</a>')
 _HASHED = re.compile(r"-[A-Z0-9]{8}\.(js|css)$")
 
@@ -41,6 +47,7 @@ def install(app: FastAPI, *, viewer: bool, docs: bool) -> None:
     """Add the pages that are wanted."""
     if viewer:
         page = (STATIC / "viewer" / "index.html").read_text(encoding="utf-8")
+        page = page.replace(_FORMATS, html.escape(json.dumps(_formats())))
         page = page if docs else _LINK_TO_DOCS.sub("", page)
         headers = {"Content-Security-Policy": _VIEWER_POLICY, "Cache-Control": "no-cache"}
 
@@ -56,3 +63,12 @@ def install(app: FastAPI, *, viewer: bool, docs: bool) -> None:
         app.add_api_route("/docs", documentation, methods=["GET"], include_in_schema=False)
     if viewer or docs:
         app.mount("/static", _Files(directory=STATIC), name="static")
+
+
+def _formats() -> dict[str, object]:
+    """The formats that are read and written, for the viewer: ``app/viewer/src/formats.ts``."""
+    read = [
+        {"extension": format.extension, "label": format.label, "note": format.note, "up": format.up}
+        for format in FORMATS.values()
+    ]
+    return {"read": read, "written": list(MESH_WRITERS)}

@@ -1,4 +1,4 @@
-"""uvicorn's HTTP protocol with the bounds it lacks: what one connection, and all of an address, may cost the server.
+"""uvicorn's HTTP protocol with the limits it lacks: what one connection, and all of an address, may cost the server.
 
 One request at a time is read from a connection; what was sent ahead waits in the kernel. Work that will not be taken is
 refused here (`app.http.gate`), before a request is made of it. An answer that comes before its upload has ended reaches

@@ -5,10 +5,10 @@ from typing import Annotated, cast
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 
-from app import __version__, schemas
+from app import __version__, queries, schemas
 from app.http import answers, openapi
 from app.http.auth import require_key
-from app.http.handler import answer
+from app.http.handler import process_upload
 from app.http.metrics import CONTENT_TYPE
 from app.http.runtime import Runtime
 
@@ -25,12 +25,12 @@ RuntimeOf = Annotated[Runtime, Depends(_runtime)]
 
 
 @router.post("/detect", dependencies=KEY, **openapi.DETECT)
-async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()], runtime: RuntimeOf) -> Response:
+async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()], runtime: RuntimeOf) -> Response:
     """Find the mirror planes and rotation axes of one mesh, in the file's own coordinates."""
     choice = answers.wanted_format(query, request.headers.get("accept"))
-    include = [*query.include, "bop"] if choice.format == "bop" else list(query.include)
-    geometry = "glb" if choice.format == "glb" else None
-    result = await answer(
+    include = list(dict.fromkeys([*query.include, *choice.output.include]))
+    geometry = choice.output.name if choice.output.mesh is not None else None
+    result = await process_upload(
         request,
         runtime,
         task="detect",
@@ -45,9 +45,9 @@ async def detect(request: Request, query: Annotated[schemas.DetectQuery, Query()
 
 
 @router.post("/complete", dependencies=KEY, **openapi.COMPLETE)
-async def complete(request: Request, query: Annotated[schemas.CompleteQuery, Query()], runtime: RuntimeOf) -> Response:
+async def complete(request: Request, query: Annotated[queries.CompleteQuery, Query()], runtime: RuntimeOf) -> Response:
     """Complete one mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
-    result = await answer(
+    result = await process_upload(
         request,
         runtime,
         task="complete",

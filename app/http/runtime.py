@@ -63,7 +63,7 @@ class Runtime:
         watch, pool = self.metrics.watch, self.pool
         watch("uploading", "Uploads being received.", lambda: len(self.gate.slots))
         watch("sending_bytes", "Bytes of meshes on their way to clients.", lambda: self.sending_bytes)
-        watch("jobs_admitted", "Requests that hold a place in the queue or a worker.", lambda: pool.admitted)
+        watch("jobs_admitted", "Requests in the queue or with a worker.", lambda: pool.admitted)
         watch("jobs_running", "Jobs being worked on.", lambda: pool.running)
         watch("queue_depth", "Requests that wait for a worker.", lambda: pool.admitted - pool.running)
         watch("queue_capacity", "Requests that may wait for a worker.", lambda: self.settings.queue)

@@ -1,4 +1,4 @@
-"""Runs the application under uvicorn: logging, draining before the port closes, an exit code that tells."""
+"""Runs the application under uvicorn: logging, draining before the port closes, a meaningful exit code."""
 
 import logging
 import math

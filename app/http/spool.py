@@ -40,7 +40,7 @@ class Upload:
 
 
 class Spool:
-    """Takes an upload's bytes in turn; at most ``memory_limit`` of them, and a chunk, are held in memory."""
+    """Takes an upload's bytes as they arrive; at most ``memory_limit`` of them, and a chunk, are held in memory."""
 
     def __init__(self, memory_limit: int, directory: str | None) -> None:
         self._memory_limit = memory_limit

@@ -1,6 +1,6 @@
 """Optional traces: one span a request, with its stages, sent by OTLP. Needs the extra: ``pip install 'prsnet[otel]'``.
 
-Where to send them is said with OpenTelemetry's own variables (``OTEL_EXPORTER_OTLP_ENDPOINT`` and the like).
+Where they are sent is set by OpenTelemetry's own variables (``OTEL_EXPORTER_OTLP_ENDPOINT`` and the like).
 """
 
 import time

@@ -1,7 +1,7 @@
 """Reads one mesh, with the files it refers to, out of a multipart/form-data request while it streams in.
 
 Bytes are counted as they arrive. A small file stays in memory, a larger one goes to disk
-(``app.http.spool``); a client that sends too slowly is told so.
+(``app.http.spool``); a client that sends too slowly gets 408.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from app.http.slots import UploadSlot
 from app.http.spool import Spool, Upload
 from app.problems import MALFORMED, OVERLOADED, UPLOAD_TOO_LARGE, UPLOAD_TOO_SLOW, ProblemError
 from app.settings import Settings
-from model.formats import SUPPORTED_FORMATS
+from model.formats import FORMATS
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -93,10 +93,10 @@ class _Form:
                 f'The form has a field other than "{FIELD}"; options such as mode belong in the query string.'
             )
         if b"filename" not in options:
-            raise _malformed(f'The field "{FIELD}" has no file name, and the format is told from its extension.')
+            raise _malformed(f'The field "{FIELD}" has no file name, and the format follows from its extension.')
         name = base_name(options[b"filename"].decode("utf-8", "replace"))
         if not name:
-            raise _malformed(f'The field "{FIELD}" has an empty file name, and the format is told from its extension.')
+            raise _malformed(f'The field "{FIELD}" has an empty file name, and the format follows from its extension.')
         if len(self._names) == _MOST_FILES or len("".join([*self._names, name]).encode()) > _LONGEST_NAMES:
             raise _malformed(f"The form has more than {_MOST_FILES} files, or longer names than those may have.")
         if name.casefold() in {other.casefold() for other in self._names}:
@@ -121,7 +121,7 @@ class _Form:
             raise _malformed(f'The form has no field "{FIELD}".')
         if len(self._names) == 1:
             return self._names[0]
-        meshes = [name for name in self._names if name.rpartition(".")[2].lower() in SUPPORTED_FORMATS]
+        meshes = [name for name in self._names if name.rpartition(".")[2].lower() in FORMATS]
         if len(meshes) != 1:
             found = "several files that are meshes" if meshes else "several files, none of which is a mesh"
             raise _malformed(f"The form has {found}.")

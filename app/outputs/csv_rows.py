@@ -2,7 +2,9 @@
 
 import csv
 import io
+from collections.abc import Sequence
 
+from app.outputs.output_format import Options, OutputFormat
 from app.schemas import Axis, DetectResponse, Plane
 
 COLUMNS = (
@@ -31,7 +33,7 @@ def _rest(found: Plane | Axis, order: object) -> list[object]:
     return [*found.point, "" if order is None else order, *flags, found.symmetry_error, found.rms_distance]
 
 
-def write(responses: list[DetectResponse]) -> bytes:
+def write(responses: Sequence[DetectResponse]) -> bytes:
     """A table with a heading, RFC 4180, UTF-8."""
     text = io.StringIO(newline="")
     table = csv.writer(text)
@@ -39,3 +41,20 @@ def write(responses: list[DetectResponse]) -> bytes:
     for response in responses:
         table.writerows(rows(response))
     return text.getvalue().encode()
+
+
+def _write_one(response: DetectResponse, options: Options) -> bytes:
+    return write([response])
+
+
+def _write_all(responses: Sequence[tuple[str, DetectResponse]], options: Options) -> bytes:
+    return write([response for _, response in responses])
+
+
+FORMAT = OutputFormat(
+    "csv",
+    "text/csv",
+    "`format=csv`: a row a plane or axis.",
+    write=_write_one,
+    write_all=_write_all,
+)

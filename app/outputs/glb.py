@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
+from app.outputs.output_format import OutputFormat
 from app.schemas import Axis, DetectResponse, Plane
 from model.meshes.colors import to_linear
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
@@ -230,4 +231,11 @@ def _columns(matrix: FloatArray) -> list[float]:
     return [float(value) for value in matrix.T.ravel()]
 
 
-WRITER = MeshWriter("model/gltf-binary", _body, _head, _size)
+WRITER = MeshWriter(_body, _head, _size, annotated_head=annotated_head)
+FORMAT = OutputFormat(
+    "glb",
+    "model/gltf-binary",
+    "`format=glb`: the mesh, each plane as a translucent quad, each axis as a thin rod; "
+    "nodes `mesh`, `plane 0`, `axis 0`, and so on.",
+    mesh=WRITER,
+)

@@ -1,10 +1,11 @@
-"""What the writers of mesh files share: the two halves of a file, and why the second one can be believed."""
+"""What the writers of mesh files share: the two halves of a file, and the checks of the one that a worker made."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from app.schemas import DetectResponse
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 
@@ -26,18 +27,21 @@ class MeshWriter:
     """A format: ``head(counts, body) + body`` is a file.
 
     Attributes:
-        media_type: what HTTP calls it.
         body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32, and colours ``(v, 4)`` uint8 if there are any and the
             format has them, as bytes; raises ``MeshError`` where they do not fit.
         head: what stands before it. Raises `BodyError` when the body is not such a geometry: of another size, with
             numbers that are none, with indices out of range.
-        size: bytes of the body without colours, or more, by the numbers of vertices and faces.
+        size: bytes of the body without colours by the numbers of vertices and faces; the most there can be where
+            ``varies``.
+        varies: whether the size depends on the numbers themselves, as in a text.
+        annotated_head: ``head`` for a file that shows the symmetries beside the mesh; None where the format cannot.
     """
 
-    media_type: str
     body: Callable[[FloatArray, IntArray, list[list[float]], ByteArray | None], bytes]
     head: Callable[[Counts, bytes], bytes]
     size: Callable[[int, int], int]
+    varies: bool = False
+    annotated_head: Callable[[DetectResponse, bytes], bytes] | None = None
 
     def file(self, vertices: FloatArray, faces: IntArray, colors: ByteArray | None = None) -> bytes:
         """The whole file."""
@@ -60,7 +64,7 @@ def require(holds: bool, otherwise: str) -> None:
 
 def require_numbers(values: AnyArray) -> None:
     """Raise `BodyError` unless all are finite."""
-    require(bool(np.isfinite(values).all()), "a coordinate that is no number")
+    require(bool(np.isfinite(values).all()), "a coordinate that is not finite")
 
 
 def require_indices(indices: AnyArray, vertices: int) -> None:

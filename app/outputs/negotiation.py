@@ -2,15 +2,10 @@
 
 from dataclasses import dataclass
 
-from app.schemas import Format
+from app.outputs.output_format import OutputFormat
+from app.outputs.registry import DETECT_OUTPUTS
 
-MEDIA_TYPES: dict[str, Format] = {
-    "application/json": "json",
-    "model/gltf-binary": "glb",
-    "application/vnd.prsnet.bop+json": "bop",
-    "text/csv": "csv",
-    "text/plain": "shrec",
-}
+MEDIA_TYPES: dict[str, OutputFormat] = {output.media_type: output for output in DETECT_OUTPUTS.values()}
 """By Accept, the first being what is sent where several are as welcome."""
 
 
@@ -18,18 +13,17 @@ MEDIA_TYPES: dict[str, Format] = {
 class Choice:
     """What to answer with, and what to call it."""
 
-    format: Format
+    output: OutputFormat
     media_type: str
 
 
-def choose(wanted: Format | None, accept: str | None) -> Choice | None:
-    """The format to answer in, or None when the client accepts none there is. ``format=`` is heard first."""
+def choose(wanted: str | None, accept: str | None) -> Choice | None:
+    """The format to answer in, or None when the client accepts none there is. ``format=`` outweighs Accept."""
     if wanted is not None:
-        # Saved from a browser or piped into a tool, a BOP entry is JSON.
-        media_type = next(name for name, format in MEDIA_TYPES.items() if format == wanted)
-        return Choice(wanted, "application/json" if wanted == "bop" else media_type)
+        output = DETECT_OUTPUTS[wanted]
+        return Choice(output, output.query_media_type or output.media_type)
     if accept is None or not accept.strip():
-        return Choice("json", "application/json")
+        accept = "*/*"
     ranges = _ranges(accept)
     weights = {name: _weight(name, ranges) for name in MEDIA_TYPES}
     best = max(weights, key=lambda name: weights[name])  # the first of equals

@@ -3,6 +3,7 @@
 import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require
+from app.outputs.output_format import OutputFormat
 from model.types import ByteArray, FloatArray, IntArray
 
 _ALPHABET = b"vf 0123456789.e+-\n"
@@ -31,4 +32,10 @@ def _size(vertices: int, faces: int) -> int:
     return 78 * vertices + 36 * faces  # at most: three numbers of 24 characters, three of 10
 
 
-WRITER = MeshWriter("model/obj", _body, _head, _size)
+WRITER = MeshWriter(_body, _head, _size, varies=True)
+FORMAT = OutputFormat(
+    "obj",
+    "model/obj",
+    "OBJ text: all digits of the coordinates, shared vertices.",
+    mesh=WRITER,
+)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
+from app.outputs.output_format import OutputFormat
 from model.types import ByteArray, FloatArray, IntArray
 
 _FACE = np.dtype([("corners", "u1"), ("indices", "<i4", 3)])
@@ -56,4 +57,10 @@ def _size(vertices: int, faces: int) -> int:
     return _VERTEX_BYTES * vertices + _FACE.itemsize * faces
 
 
-WRITER = MeshWriter("application/octet-stream", _body, _head, _size)
+WRITER = MeshWriter(_body, _head, _size)
+FORMAT = OutputFormat(
+    "ply",
+    "application/octet-stream",
+    "Binary PLY: all digits of the coordinates, shared vertices.",
+    mesh=WRITER,
+)

@@ -1,6 +1,6 @@
 """A small renderer: opaque triangles and translucent discs that cut through them, seen in parallel, without a display.
 
-Triangles go through a depth buffer; discs are met exactly, pixel by pixel, and laid over each other by depth.
+Triangles go through a depth buffer; rays meet discs exactly, pixel by pixel, and discs are blended by depth.
 """
 
 from dataclasses import dataclass, field

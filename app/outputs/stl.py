@@ -3,6 +3,7 @@
 import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require, require_numbers
+from app.outputs.output_format import OutputFormat
 from model.errors import DegenerateMeshError
 from model.types import ByteArray, FloatArray, IntArray
 
@@ -36,4 +37,10 @@ def _size(vertices: int, faces: int) -> int:
     return _TRIANGLE.itemsize * faces
 
 
-WRITER = MeshWriter("model/stl", _body, _head, _size)
+WRITER = MeshWriter(_body, _head, _size)
+FORMAT = OutputFormat(
+    "stl",
+    "model/stl",
+    "Binary STL: 32-bit coordinates, every triangle on its own.",
+    mesh=WRITER,
+)

@@ -5,12 +5,12 @@ from collections.abc import Callable
 from app.completion import CompleteOptions, complete_file
 from app.detection import MeshLimits, Options, SymmetryDetector, detect_file
 from app.outputs.mesh_file import MeshWriter
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.schemas import to_json
 from app.workers.wire import Job
 from model.errors import MeshTooLargeError
-from model.formats import no_resources
 from model.formats.conversion import files_at_hand
+from model.formats.reading import no_resources
 from model.meshes.mesh import Mesh
 
 _FREE_BYTES, _GROWTH = 4 << 20, 200
@@ -31,14 +31,14 @@ def perform(
     if job.task == "complete":
         options = CompleteOptions(job.plane, job.symmetrize, job.max_error)
         answer, mesh = complete_file(detector, data, job.filename, options, limits, on_parsed, resources)
-        body = _body(WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, _most(job))
+        body = _body(MESH_WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, _most(job))
         return answer.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
     response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed, resources)
     text = to_json(response, options.include)
     if job.geometry is None:
         return text, None
-    body = _body(WRITERS[job.geometry], mesh, response.mesh.bounds, _most(job))
+    body = _body(MESH_WRITERS[job.geometry], mesh, response.mesh.bounds, _most(job))
     return text, body
 
 
@@ -48,8 +48,8 @@ def _most(job: Job) -> int:
 
 
 def _body(writer: MeshWriter, mesh: Mesh, bounds: list[list[float]], most: int) -> bytes:
-    # Small files may announce the largest size without having it, hence the second look.
-    if writer.size(len(mesh.vertices), len(mesh.faces)) > most and writer.media_type != "model/obj":
+    # Before anything is made where the size is known; a text may be far smaller than the most it can be.
+    if not writer.varies and writer.size(len(mesh.vertices), len(mesh.faces)) > most:
         raise MeshTooLargeError(_too_large(most))
     body = writer.body(mesh.vertices, mesh.faces, bounds, mesh.colors)
     if len(body) > most:

@@ -86,7 +86,7 @@ class WorkerPool:
                     self._discard(worker, "lost")
 
     def admit(self) -> "Place":
-        """Take a place.
+        """Admit a request.
 
         Raises:
             ProblemError: ``overloaded`` (503, with ``Retry-After``).
@@ -96,7 +96,7 @@ class WorkerPool:
         return Place(self)
 
     def require_room(self) -> None:
-        """Pass when a place is free now.
+        """Return if a request would be admitted now.
 
         Raises:
             ProblemError: ``overloaded`` (503, with ``Retry-After``).
@@ -132,8 +132,8 @@ class WorkerPool:
     async def close(self) -> None:
         """End all processes."""
         self._closed = True
-        for chore in self._background_tasks:
-            chore.cancel()
+        for task in self._background_tasks:
+            task.cancel()
         if self._background_tasks:
             await asyncio.wait(self._background_tasks)
         for worker in list(self._live):
@@ -145,7 +145,7 @@ class WorkerPool:
             await factory.close()
 
     async def _run_job(self, worker: Worker, job: Job, data: bytes | int) -> verify.Answer:
-        """One try. The worker is given back only if it said all it had to; otherwise it is killed."""
+        """One try. The worker is returned only if its answer was complete; otherwise it is killed."""
         keep, reason = False, "deadline"
         try:
             kind, payload = await self._exchange(worker, job, data)
@@ -270,9 +270,9 @@ class WorkerPool:
             self._discard(worker, "lost")
 
     def _begin(self, work: Coroutine[None, None, None]) -> None:
-        chore = asyncio.create_task(work)
-        self._background_tasks.add(chore)
-        chore.add_done_callback(self._background_tasks.discard)
+        task = asyncio.create_task(work)
+        self._background_tasks.add(task)
+        task.add_done_callback(self._background_tasks.discard)
 
     async def _replace(self) -> None:
         """Get one more worker, however long it takes, with a new zygote if need be."""
@@ -350,7 +350,7 @@ class WorkerPool:
 
 
 class Place:
-    """A request's place in the pool, a context manager. It is free again as soon as the request is over."""
+    """A request's slot in the pool, a context manager. It is free again as soon as the request is over."""
 
     def __init__(self, pool: WorkerPool) -> None:
         self._pool = pool

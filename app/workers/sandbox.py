@@ -1,7 +1,7 @@
 """The sandbox of a worker: resource limits everywhere, and on Linux a list of the system calls it may make.
 
-A worker talks over one socket that it has, and computes. It opens nothing: no file, no connection, no process. All of
-what it needs is loaded before it closes. None of this needs a privilege, and all of it holds as root too.
+A worker communicates over the one socket it was given, and computes. It opens nothing: no file, no connection, no
+process. All it needs is loaded before. None of this needs a privilege, and all of it holds as root too.
 """
 
 import contextlib
@@ -48,9 +48,9 @@ _F_SETFL, _O_ASYNC = 4, 0x2000
 _ARCHITECTURES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 
 
-def _numbers(table: str, place: int) -> list[int]:
+def _numbers(table: str, column: int) -> list[int]:
     rows = [entry.split()[1:] for entry in table.split(",")]
-    return [int(row[place]) for row in rows if row[place] != "-"]
+    return [int(row[column]) for row in rows if row[column] != "-"]
 
 
 def available() -> bool:
@@ -105,15 +105,15 @@ def filter_system_calls() -> None:
 
 def _program(pid: int) -> bytes:
     """The filter, in the kernel's classic packet-filter code over struct seccomp_data."""
-    place, arch = _ARCHITECTURES[platform.machine()]
+    column, arch = _ARCHITECTURES[platform.machine()]
     steps = [(_LOAD, 0, 0, _ARCHITECTURE), (_IF_EQUAL, 1, 0, arch), (_RETURN, 0, 0, _KILL), (_LOAD, 0, 0, _NUMBER)]
-    for number in _numbers(_ALWAYS, place):
+    for number in _numbers(_ALWAYS, column):
         steps += [(_IF_EQUAL, 0, 1, number), (_RETURN, 0, 0, _ALLOW)]
-    for number in _numbers(_ON_ITSELF, place):
+    for number in _numbers(_ON_ITSELF, column):
         # Another call: go on behind this block. This one: its first argument must be 0 or the worker's own id.
         steps += [(_IF_EQUAL, 0, 5, number), (_LOAD, 0, 0, _FIRST)]
         steps += [(_IF_EQUAL, 1, 0, 0), (_IF_EQUAL, 0, 1, pid), (_RETURN, 0, 0, _ALLOW), (_RETURN, 0, 0, _EPERM)]
-    (number,) = _numbers(_FCNTL, place)
+    (number,) = _numbers(_FCNTL, column)
     commands = [step for command in _FCNTL_COMMANDS for step in ((_IF_EQUAL, 0, 1, command), (_RETURN, 0, 0, _ALLOW))]
     flags = [(_IF_EQUAL, 0, 3, _F_SETFL), (_LOAD, 0, 0, _THIRD), (_IF_ANY_BIT, 1, 0, _O_ASYNC), (_RETURN, 0, 0, _ALLOW)]
     steps += [(_IF_EQUAL, 0, 1 + len(commands) + len(flags), number), (_LOAD, 0, 0, _SECOND), *commands, *flags]

@@ -1,8 +1,8 @@
-"""Why the server believes an answer: a worker may have been taken over by the file it parsed.
+"""Verification of a worker's answer: the worker may have been compromised by the file it parsed.
 
 The answer is parsed against the schema (all numbers finite, lists of the right length), compared with what was asked,
 bounded, and written anew: not a byte of the worker's own JSON reaches a client. Of a mesh the worker makes the numbers
-alone; all structure around them is written here, and the numbers are looked through (see ``app.outputs``).
+alone; all structure around them is written here, and the numbers are checked (see ``app.outputs``).
 """
 
 import re
@@ -13,9 +13,8 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from app import schemas
-from app.outputs import glb
 from app.outputs.mesh_file import BodyError, Counts
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.workers.wire import Job
 from app.workers.zygote_client import Card
 from model import errors
@@ -57,18 +56,21 @@ def trusted(text: bytes, body: bytes | None, job: Job, card: Card) -> Answer:
     if body is None:
         return Answer(content)
     try:
+        writer = MESH_WRITERS[job.geometry or "ply"]
         if isinstance(content, schemas.DetectResponse):
-            head = glb.annotated_head(content, body)
+            _require(writer.annotated_head is not None, "a mesh nobody asked for")
+            assert writer.annotated_head is not None
+            head = writer.annotated_head(content, body)
         else:
             counts = Counts(content.mesh.vertices, content.mesh.faces, content.mesh.bounds)
-            head = WRITERS[job.geometry or "ply"].head(counts, body)
+            head = writer.head(counts, body)
     except BodyError as error:
         raise UntrustedError(f"a mesh with {error}") from error
     return Answer(content, [head, body])
 
 
 def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMesh:
-    """What is said about a completed mesh, checked.
+    """The description of a completed mesh, checked.
 
     Raises:
         UntrustedError: it breaks the schema, or is not about this job.

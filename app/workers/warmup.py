@@ -1,4 +1,4 @@
-"""What makes the first request as fast as the next: the kernels of detector and readers are ready."""
+"""Warming up: compiles or loads all kernels and modules, so that the first request is as fast as the next."""
 
 import contextlib
 import encodings
@@ -10,10 +10,11 @@ from collections.abc import Iterable
 from typing import Any, get_args
 
 from app.detection import SymmetryDetector
-from app.schemas import Include, MeshFormat, Mode
+from app.outputs.registry import DETECT_OUTPUTS, MESH_WRITERS
+from app.schemas import Include, Mode
 from app.workers.jobs import perform
 from app.workers.wire import Job
-from model.formats import read_mesh, warm_up_kernels
+from model.formats.reading import read_mesh, warm_up_kernels
 
 _CORNERS = [(x, 2 * y, 3 * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 # Quadrilaterals and triangles, because readers treat faces of one size and of several sizes differently.
@@ -50,13 +51,14 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     half = f"OFF\n8 {len(_MIXED) - 2} 0\n{_lines(_CORNERS)}\n{_lines((len(f), *f) for f in _MIXED[:-2])}\n".encode()
     common: dict[str, Any] = {
         "max_error": 1.0, "include": include, "max_vertices": 100, "max_faces": 100, "max_nodes": 100,
-        "max_unpacked_bytes": 1 << 20, "cpu_s": 60.0, "place": "inline", "max_answer_bytes": 1 << 20,
+        "max_unpacked_bytes": 1 << 20, "cpu_s": 60.0, "transport": "inline", "max_answer_bytes": 1 << 20,
     }  # fmt: skip
+    annotated = [name for name, output in DETECT_OUTPUTS.items() if output.mesh is not None]
     jobs = [
         (Job(name, mode, size=len(whole), geometry=geometry, **common), whole)
-        for mode, geometry in itertools.product(get_args(Mode), (None, "glb"))
+        for mode, geometry in itertools.product(get_args(Mode), (None, *annotated))
     ]
-    for geometry, symmetrize in itertools.product(get_args(MeshFormat), (False, True)):
+    for geometry, symmetrize in itertools.product(MESH_WRITERS, (False, True)):
         ways: dict[str, Any] = {"task": "complete", "geometry": geometry, "symmetrize": symmetrize}
         jobs.append((Job("half.off", "full", size=len(half), plane=[1.0, 0.0, 0.0, -0.5], **ways, **common), half))
     return jobs

@@ -12,7 +12,7 @@ import struct
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from app.schemas import Include, LevelName, MeshFormat, Mode
+from app.schemas import Include, LevelName, Mode
 
 _HEAD = struct.Struct("!cI")
 
@@ -32,7 +32,7 @@ class WireError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One file to work on. ``size`` bytes of it follow the frame, or lie in the descriptor that came with it.
+    """One file to work on. ``size`` bytes of it follow the frame, or are in the file whose descriptor came with it.
 
     With ``geometry`` the answer is followed by a frame of kind `GEOMETRY`, the body of a file of that format.
     ``plane``, unit normal and offset, and ``symmetrize`` are for completing. ``parts`` are name and size of every file
@@ -49,9 +49,9 @@ class Job:
     max_unpacked_bytes: int
     cpu_s: float
     size: int
-    place: Literal["inline", "descriptor"]
+    transport: Literal["inline", "descriptor"]
     task: Literal["detect", "complete"] = "detect"
-    geometry: MeshFormat | None = None
+    geometry: str | None = None
     plane: list[float] | None = None
     symmetrize: bool = False
     max_answer_bytes: int = 0
@@ -164,7 +164,7 @@ def receive_blocking(connection: socket.socket) -> tuple[bytes, bytes, list[int]
 
 def receive_file(connection: socket.socket, job: Job, descriptors: list[int]) -> bytes:
     """The bytes of the file a job is about."""
-    if job.place == "inline":
+    if job.transport == "inline":
         return _read(connection, job.size)
     parts: list[bytes] = []
     at = 0

@@ -18,7 +18,7 @@ _NO_MEMORY = wire.frame(wire.NO_MEMORY)  # made while there is memory for it
 
 
 def run_worker(connection: socket.socket, detector: SymmetryDetector, limits: wire.SandboxLimits) -> NoReturn:
-    """Serve jobs until the server has gone or something went wrong, which the server is told; then end the process."""
+    """Serve jobs until the server has gone, or something went wrong and was reported to it; then end the process."""
     code = 1
     try:
         _mute()

@@ -1,7 +1,7 @@
-"""The process that workers are forked from: it loads weights and kernels once, and never sees a file of a stranger.
+"""The process that workers are forked from: it loads weights and kernels once, and never sees an uploaded file.
 
 A fork takes milliseconds and shares what is loaded, where a new process takes seconds and memory of its own. It is
-safe because this process has one thread: ``zygote_client`` tells libraries so before they are imported.
+safe because this process has one thread: ``zygote_client`` sets the environment in which libraries start none.
 
     python -m app.workers.zygote SOCKET LIMITS WEIGHTS
 
@@ -27,15 +27,7 @@ from app.workers.warmup import warm_up
 from app.workers.wire import SandboxLimits
 from app.workers.worker import run_worker
 from model.errors import CheckpointError
-from model.formats import SUPPORTED_FORMATS
-
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
-"""Environment in which torch and numpy start no threads of their own."""
+from model.formats import FORMATS
 
 
 def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: SandboxLimits) -> None:
@@ -58,7 +50,7 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
         "version": detector.version,
         "sha256": detector.sha256,
         "metadata": dict(detector.metadata),
-        "formats": SUPPORTED_FORMATS,
+        "formats": list(FORMATS),
         "threads": len(os.listdir("/proc/self/task")) if os.path.isdir("/proc/self/task") else 1,
     }
     control.sendall(wire.json_frame(wire.LOADED, card))

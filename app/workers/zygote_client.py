@@ -1,4 +1,4 @@
-"""The server's end of the zygote: starts it, asks it for workers, hears from it how they ended."""
+"""The server's client of the zygote: starts it, requests workers, receives how they ended."""
 
 import asyncio
 import contextlib
@@ -15,11 +15,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from app.threads import ONE_THREAD
 from app.workers import wire
 from app.workers.wire import SandboxLimits
 
-# Set before torch and numpy are imported: a process with threads of theirs cannot be forked.
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 # What of the environment the processes that parse may know: how to find and run code. No key, no token, no setting.
 _HARMLESS = re.compile(
     r"PATH|HOME|LANG|LC_\w+|TZ|TMPDIR|XDG_CACHE_HOME|LD_LIBRARY_PATH|PYTHON(?!PATH)\w*|NUMBA_\w+|MKL_\w+|OMP_\w+"
@@ -62,7 +61,7 @@ def launcher(weights: str) -> Launch:
                 [*command, str(theirs.fileno()), json.dumps(asdict(limits)), weights],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
-                env=_environment() | _ONE_THREAD | {"PYTHONPATH": path},
+                env=_environment() | ONE_THREAD | {"PYTHONPATH": path},
                 start_new_session=True,  # a Ctrl-C is the server's to handle
             )
 

@@ -14,8 +14,8 @@ from model.errors import DegenerateMeshError
 from model.geometry.frames import UnitFrame, triangle_areas
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import WORK, SurfaceIndex
+from model.geometry.topology import duplicate_vertex_map
 from model.geometry.transforms import reflect
-from model.meshes._topology import duplicate_vertex_map
 from model.meshes.clipping import clip, nondegenerate_mask, remove_unreferenced_vertices
 from model.meshes.mesh import Mesh
 from model.meshes.subdivision import edge_lengths

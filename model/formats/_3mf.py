@@ -9,7 +9,7 @@ import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError
 from model.formats._3mf_package import Key, Object, Package, Reference
-from model.formats._common import Limits, RawMesh
+from model.formats._common import Limits, RawMesh, Reader, alone
 from model.meshes.clipping import remove_unreferenced_vertices
 from model.types import FloatArray, IntArray
 
@@ -23,7 +23,9 @@ def is_zip(data: bytes) -> bool:
 
 
 def is_3mf(data: bytes) -> bool:
-    """Whether a zip archive has a part of a 3D model, or cannot be looked into."""
+    """Whether it is a zip archive that has a part of a 3D model, or that cannot be looked into."""
+    if not is_zip(data):
+        return False
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
             names = archive.namelist()
@@ -163,3 +165,6 @@ def _arrays(item: Object) -> tuple[FloatArray, IntArray]:
     if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
         raise UnreadableMeshError("The 3MF file has a triangle that refers to a vertex that does not exist.")
     return vertices, faces.astype(np.int32)
+
+
+READERS = {"3mf": Reader(alone(read_3mf), is_3mf)}

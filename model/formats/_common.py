@@ -64,6 +64,27 @@ class Limits:
             raise MeshTooLargeError(f"The mesh has more than {self.max_faces} faces.")
 
 
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """The reader of one format.
+
+    Attributes:
+        read: the content of a file as a mesh. Raises nothing but ``model.errors``, and checks counts against the
+            length of the content before it allocates. Files that the content refers to are asked for, never opened.
+        recognize: whether content is certainly of this format, whatever its file is named.
+        may_be_text: whether numbers may be written out, with a decimal comma where a program got it wrong.
+    """
+
+    read: Callable[[bytes, Limits, Resources], RawMesh]
+    recognize: Callable[[bytes], bool]
+    may_be_text: bool = False
+
+
+def alone(read: Callable[[bytes, Limits], RawMesh]) -> Callable[[bytes, Limits, Resources], RawMesh]:
+    """The reader of a format that never refers to other files."""
+    return lambda data, limits, resources: read(data, limits)
+
+
 def no_faces() -> IntArray:
     """(0, 3) int32."""
     return np.empty((0, 3), dtype=np.int32)

@@ -4,6 +4,8 @@ import zipfile
 from io import BytesIO
 from pathlib import PurePath
 
+from model.formats import FORMATS
+
 _TESSELLATE = "Open it in a CAD program, such as FreeCAD, and export a mesh as STL or 3MF."
 _EXPORT = "Open it in Blender, or in the program that made it, and export it as GLB."
 _UNPACK = "Unpack it and send the mesh that is inside."
@@ -50,7 +52,6 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"DRACO", "bare Draco data. Decode it with draco_decoder to OBJ or PLY, or put it into a GLB."),
     (b"# .PCD", f"a PCD file. {_POINTS}"),
 )  # fmt: skip
-_MESHES = ("stl", "obj", "ply", "off", "glb", "gltf", "3mf")
 
 
 def next_step(extension: str) -> str:
@@ -90,9 +91,9 @@ def _archive(data: bytes) -> str:
         return f"a USDZ file. {_EXPORT}"
     if "model" in kinds:
         return ""
-    meshes = [kind for kind in kinds if kind in _MESHES]
+    meshes = [kind for kind in kinds if kind in FORMATS]
     if len(meshes) == 1:
-        return f"a zip archive that holds one mesh, in {meshes[0].upper()}. Unpack it and send that."
+        return f"a zip archive that holds one mesh, in {FORMATS[meshes[0]].label}. Unpack it and send that."
     if meshes:
         return f"a zip archive that holds {len(meshes)} meshes. Unpack it and send one of them."
     return "a zip archive without a mesh in it. Send the mesh itself."

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 
 from model.errors import UnreadableMeshError, UnsupportedFormatError
-from model.formats._common import Limits, RawMesh, Resources, no_resources
+from model.formats._common import Limits, RawMesh, Reader, Resources, no_resources
 from model.formats._gltf_bodies import Bodies
 from model.formats._gltf_buffers import Buffers
 from model.formats._gltf_scene import Scene
@@ -26,6 +26,17 @@ _KNOWN = frozenset(
         "MSFT_packing_occlusionRoughnessMetallic", "FB_geometry_metadata",
     }
 )  # fmt: skip
+
+
+def is_glb(data: bytes) -> bool:
+    """Whether it begins with the signature of binary glTF."""
+    return data.startswith(_MAGIC)
+
+
+def is_gltf(data: bytes) -> bool:
+    """Whether it begins like a JSON object."""
+    head = data[:1024]
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") and b"\0" not in head
 
 
 def read_glb(data: bytes, limits: Limits, resources: Resources = no_resources) -> RawMesh:
@@ -123,3 +134,6 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, 
             vertex += count
             face += len(body.faces)
     return all_vertices, all_faces, colors
+
+
+READERS = {"glb": Reader(read_glb, is_glb), "gltf": Reader(read_gltf, is_gltf)}

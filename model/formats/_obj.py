@@ -1,19 +1,27 @@
 """OBJ: positions and faces of all objects and groups; what else there is is ignored, no file is opened."""
 
+import re
+
 import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh
+from model.formats._common import Limits, RawMesh, Reader, alone
 from model.formats._polygons import triangulate
 from model.formats._text import as_bytes, parse_number, unix_lines
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
+_LINE = re.compile(rb"^[ \t]*(v|f)[ \t]+[-+.0-9]", re.MULTILINE)
 _FAULTS = {
     1: "The OBJ file has a vertex without three numbers.",
     2: "The OBJ file has a face that is not understood.",
     3: "The OBJ file has a face that refers to vertex number 0; they count from 1.",
 }
+
+
+def is_obj(data: bytes) -> bool:
+    """Whether it is text with a line of a vertex or a face near its beginning."""
+    return b"\0" not in data[:1024] and _LINE.search(data[: 1 << 16]) is not None
 
 
 def read_obj(data: bytes, limits: Limits) -> RawMesh:
@@ -174,3 +182,6 @@ def _read(data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: Int
             polygon += 1
         at = _line_end(data, at)
     return 0
+
+
+READERS = {"obj": Reader(alone(read_obj), is_obj, may_be_text=True)}

@@ -6,7 +6,7 @@ import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError, UnsupportedFormatError
-from model.formats._common import Limits, RawMesh
+from model.formats._common import Limits, RawMesh, Reader, alone
 from model.formats._polygons import triangulate
 from model.formats._text import as_bytes, parse_numbers, unix_lines
 from model.types import AnyArray, FloatArray
@@ -106,3 +106,6 @@ def _copy_corners(numbers: FloatArray, starts: AnyArray, lengths: AnyArray, corn
         for corner in range(lengths[face]):
             corners[place] = numbers[starts[face] + corner]
             place += 1
+
+
+READERS = {"off": Reader(alone(read_off), is_off, may_be_text=True)}

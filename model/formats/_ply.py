@@ -1,11 +1,12 @@
 """PLY: ASCII and binary of both byte orders, any element and property layout."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh, no_faces, strip, to_float64
+from model.formats._common import Limits, RawMesh, Reader, alone, no_faces, strip, to_float64
 from model.formats._ply_tables import BinaryTable, Element, Lists, Property
 from model.formats._ply_text import LineTable, Table, WordTable
 from model.formats._polygons import triangulate
@@ -21,6 +22,11 @@ _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
 _COLORS = (("red", "diffuse_red", "r"), ("green", "diffuse_green", "g"), ("blue", "diffuse_blue", "b"), ("alpha",))
 _LONGEST_HEADER = 1 << 20
 _MOST_PROPERTIES = 1000
+
+
+def is_ply(data: bytes) -> bool:
+    """Whether the first line is the format's name."""
+    return re.match(rb"ply[ \t]*[\r\n]", data) is not None
 
 
 def read_ply(data: bytes, limits: Limits) -> RawMesh:
@@ -128,3 +134,6 @@ def _strips(lists: Lists) -> list[IntArray]:
         ends = np.flatnonzero(row == -1)
         result += [strip(part[part >= 0]) for part in np.split(row, ends)]
     return result
+
+
+READERS = {"ply": Reader(alone(read_ply), is_ply, may_be_text=True)}

@@ -4,11 +4,12 @@ import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh
+from model.formats._common import Limits, RawMesh, Reader, alone
 from model.formats._text import as_bytes, parse_number, unix_lines
 from model.types import ByteArray, FloatArray
 
 _HEADER = 84
+_OTHER_FORMATS = (b"ply", b"glTF", b"PK\x03\x04")
 _RECORD = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
 
 
@@ -31,6 +32,13 @@ def read_stl(data: bytes, limits: Limits) -> RawMesh:
     else:
         raise UnreadableMeshError("The STL file is shorter than its header says.")
     return RawMesh(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
+
+
+def is_stl(data: bytes) -> bool:
+    """Whether it is binary, or text that goes on like an STL file."""
+    # The header of a binary file is free text, which may look like anything; a length that fits by chance does not
+    # outweigh the signature of another format.
+    return (is_binary_stl(data) and not data.startswith(_OTHER_FORMATS)) or is_ascii_stl(data)
 
 
 def is_binary_stl(data: bytes) -> bool:
@@ -106,3 +114,6 @@ def _read_vertices(data: ByteArray, vertices: FloatArray) -> bool:
             vertices[vertex, axis] = value
             at = after
     return True
+
+
+READERS = {"stl": Reader(alone(read_stl), is_stl, may_be_text=True)}

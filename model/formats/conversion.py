@@ -8,8 +8,8 @@ from urllib.parse import unquote
 
 from numpy.typing import ArrayLike
 
-from model.formats import read_mesh
 from model.formats._common import Resources
+from model.formats.reading import read_mesh
 from model.meshes.mesh import Mesh
 
 

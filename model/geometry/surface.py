@@ -9,7 +9,7 @@ from model.geometry._bvh_axes import tree_axes
 from model.geometry._bvh_query import closest_points, morton_order, pack, search
 from model.geometry._bvh_references import distinct_faces, references
 from model.geometry._bvh_within import search_within
-from model.meshes._topology import HASH_SEED, duplicate_vertex_map
+from model.geometry.topology import HASH_SEED, duplicate_vertex_map
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 WORK = 16_000_000

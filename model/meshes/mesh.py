@@ -1,14 +1,18 @@
 """The triangle mesh that every part of the package works on."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from model._jit import jit, jit_allocating, kernel_array
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
-from model.meshes._topology import is_watertight
+from model.geometry.topology import is_watertight
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import trimesh
 
 # Below this share of the squared bounding-box diagonal, area is rounding noise of points on a line.
 _SMALLEST_AREA = 1e-14
@@ -29,7 +33,7 @@ class Mesh:
     Attributes:
         vertices: (v, 3) float64, C-contiguous.
         faces: (f, 3) int32, C-contiguous.
-        source_format: one of ``model.formats.SUPPORTED_FORMATS``, or None if it came from memory.
+        source_format: one of ``model.formats.FORMATS``, or None if it came from memory.
         units: length unit named by the file, if it names one.
         warnings: what was left out or guessed when the file was read, a sentence each.
         colors: (v, 4) uint8, red, green, blue (sRGB) and opacity of the vertices, if the file has any.
@@ -95,6 +99,18 @@ class Mesh:
     def watertight(self) -> bool:
         """Whether every edge belongs to exactly two faces once vertices at identical positions are merged."""
         return is_watertight(self.vertices, self.faces)
+
+    def to_trimesh(self) -> "trimesh.Trimesh":
+        """A ``trimesh.Trimesh`` with copies of the same vertices and faces, none merged, removed or reordered.
+
+        The matrices of results fit its ``apply_transform``; ``model.formats.conversion.as_mesh`` is the way back.
+        """
+        import trimesh  # here: it takes a third of a second, and only those who hold its objects need it
+
+        mesh = trimesh.Trimesh(self.vertices.copy(), self.faces.copy(), process=False)
+        if self.units is not None:
+            mesh.units = self.units
+        return mesh
 
 
 def _as_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, AnyArray]:

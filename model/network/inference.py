@@ -11,6 +11,8 @@
 - The last block sees 2^3 cells: its convolution is one matrix. As a convolution its weights would be brought into
   another order at every call, which takes longer than the product.
 - All heads are one product a layer.
+
+A network with a layer that is not among these is computed by its own `forward`, at its own speed.
 """
 
 from collections.abc import Sequence
@@ -37,6 +39,9 @@ class CpuNetwork:
 
     def __init__(self, network: PRSNet, dtype: torch.dtype | None = None) -> None:
         """Arrange the weights; ``dtype`` float32 or bfloat16, by default `fast_dtype`."""
+        self._network = None if _is_plain(network) else network.eval()
+        if self._network is not None:
+            return
         dtype = dtype or fast_dtype()
         first, *middle = network.blocks()
         convolution = cast(nn.Conv3d, first[0])
@@ -61,6 +66,8 @@ class CpuNetwork:
             planes ``(F, p, 4)`` and quaternions ``(F, r, 4)`` of all frames in order, each in its own frame.
         """
         with torch.inference_mode():
+            if self._network is not None:
+                return self._network(_frames(views))
             features = self._first_block(views)
             for block in self._middle:
                 features = block(features)
@@ -93,6 +100,22 @@ class CpuNetwork:
             mirrored: list[AnyArray] = [self._kernels[::x, ::y, ::z] for x, y, z in np.where(flips, -1, 1).tolist()]
             self._known_sums[key] = kernel_array(_sums(np.concatenate(mirrored, axis=3)), np.float32)
         return self._known_sums[key]
+
+
+def _is_plain(network: PRSNet) -> bool:
+    """Whether every block is convolution, pooling, normalisation or none, and activation, as arranged here."""
+    plain = [nn.Conv3d, nn.MaxPool3d, nn.BatchNorm3d, nn.LeakyReLU]
+    kinds = [[type(layer) for layer in block] for block in network.blocks()]
+    return all(found in (plain, [*plain[:2], plain[3]]) for found in kinds)
+
+
+def _frames(views: Sequence[tuple[BoolArray, BoolArray]]) -> Tensor:
+    """The voxels of all frames, ``(F, 1, R, R, R)`` float32."""
+    grids: list[AnyArray] = [
+        occupied[::x, ::y, ::z] for occupied, flips in views for x, y, z in np.where(flips, -1, 1).tolist()
+    ]
+    voxels: Tensor = torch.from_numpy(np.stack(grids).astype(np.float32))  # pyright: ignore[reportUnknownMemberType]
+    return voxels[:, None]
 
 
 class _Block:

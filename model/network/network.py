@@ -125,9 +125,13 @@ class PRSNet(nn.Module):
         return features
 
     def blocks(self) -> list[list[nn.Module]]:
-        """The layers of `features`, block by block: convolution, pooling, normalisation if there is one, activation."""
-        layers, length = list(self.features), 4 if self.architecture.batch_norm else 3
-        return [layers[first : first + length] for first in range(0, len(layers), length)]
+        """The layers of `features`, block by block: a convolution and what follows it."""
+        blocks: list[list[nn.Module]] = []
+        for layer in self.features:
+            if isinstance(layer, nn.Conv3d):
+                blocks.append([])
+            blocks[-1].append(layer)
+        return blocks
 
 
 def unit_planes(planes: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
-from model.meshes._topology import duplicate_vertex_map, open_edges
+from model.geometry.topology import duplicate_vertex_map, open_edges
 from model.search.facets import Facets
 from model.types import BoolArray, FloatArray, IntArray
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.geometry.surface import SurfaceIndex
-from model.meshes._topology import duplicate_vertex_map
+from model.geometry.topology import duplicate_vertex_map
 from model.search.facets import Facets
 from model.search.hypothesis import Hypothesis
 from model.symmetries import Patch

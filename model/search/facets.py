@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from model.geometry.frames import face_normals
-from model.meshes._topology import duplicate_vertex_map, edge_neighbours
+from model.geometry.topology import duplicate_vertex_map, edge_neighbours
 from model.types import BoolArray, FloatArray, IntArray
 
 _SMOOTH = float(np.cos(np.deg2rad(50.0)))

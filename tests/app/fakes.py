@@ -5,6 +5,8 @@ is memory and locks that survive a fork.
 """
 
 import asyncio
+import functools
+import gc
 import mmap
 import multiprocessing
 import os
@@ -25,6 +27,7 @@ from app.http.main import create_app
 from app.http.runtime import Runtime, State
 from app.settings import Settings
 from app.workers import zygote
+from app.workers.warmup import warm_up
 from app.workers.wire import SandboxLimits
 from model.detection import Axis, Detection, Plane, Rejected
 
@@ -135,10 +138,19 @@ class FakeDetector:
         return Detection([plane], axes, "Cs", center, 1.5, mesh, timings, ["a warning"], rejected)
 
 
+@functools.cache
+def _warm() -> None:
+    """What a zygote does before it forks workers, once in this process: its forks find it done."""
+    warm_up(FakeDetector())
+    gc.collect()
+    gc.freeze()
+
+
 def forked(detector: Any) -> Callable[[SandboxLimits], tuple[socket.socket, Callable[[], None]]]:
     """A launcher of zygotes that serve ``detector``, forked from this process."""
 
     def launch(limits: SandboxLimits) -> tuple[socket.socket, Callable[[], None]]:
+        _warm()
         ours, theirs = socket.socketpair()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # newer Pythons warn of threads, of which the child uses none

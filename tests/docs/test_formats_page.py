@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from model.formats import SUPPORTED_FORMATS
+from model.formats import FORMATS
 
 from ..e2e.server import ROOT
 
@@ -25,5 +25,5 @@ def test_the_test_exists(file: str, name: str) -> None:
 
 
 def test_every_format_is_told_of() -> None:
-    for name in SUPPORTED_FORMATS:
+    for name in FORMATS:
         assert re.search(rf"\b{name}\b", PAGE, re.IGNORECASE)

@@ -61,10 +61,19 @@ def test_all_three_planes_of_a_box_in_any_pose(default: Detector):
             assert cosine > np.cos(np.deg2rad(3.0))
 
 
-@pytest.mark.parametrize("family", ["chair", "prism", "cylinder", "pyramid"])
+@pytest.mark.parametrize(
+    ("detector", "family"),
+    [
+        # The paper's network finds nothing on the other two in this pose.
+        *(("default", family) for family in ("chair", "prism", "cylinder", "pyramid")),
+        *(("paper", family) for family in ("prism", "cylinder")),
+    ],
+    indirect=["detector"],
+)
 def test_whatever_is_returned_is_a_symmetry_on_fresh_samples(detector: Detector, family: str):
     mesh = moved(as_mesh(known(family)), *pose(3))
     detection = detector.detect(mesh, mode="paper")
+    assert detection.planes
     for element in [*detection.planes, *[axis for axis in detection.axes if axis.matrix is not None]]:
         assert fresh_error(mesh, element.matrix) < 1.25 * MAX_ERROR  # two finite samples of one mean
         assert element.rms_distance == pytest.approx(detection.scale * element.symmetry_error**0.5)

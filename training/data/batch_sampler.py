@@ -62,8 +62,8 @@ class Sampler:
         if size == group.draws:  # all of it, every time
             return group.members
         passes = [
-            np.random.default_rng([self._seed, number, turn]).permutation(size)
-            for turn in range(first // size, -(-last // size))
+            np.random.default_rng([self._seed, number, epoch]).permutation(size)
+            for epoch in range(first // size, -(-last // size))
         ]
         start = first - first // size * size
         return np.sort(group.members[np.concatenate(passes)[start : start + group.draws]])

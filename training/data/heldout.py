@@ -1,4 +1,4 @@
-"""`training heldout`: the shapes that `fit` validates with as mesh files, for `evaluate` to judge runs on them."""
+"""`training heldout`: writes the validation shapes of `fit` as mesh files, for `evaluate` to compare runs on."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def write_held_out(prepared: PreparedSet, folder: Path, share: float, limit: int
     chosen = np.random.default_rng(0).permutation(held_out)[:limit]
     folder.mkdir(parents=True, exist_ok=True)
     arrays = {name: prepared.arrays(name) for name in ("vertices", "faces", "starts", "planes", "families")}
-    shards, rows = prepared.places()
+    shards, rows = prepared.locations()
     parts = [{name: array[shard] for name, array in arrays.items()} for shard in range(len(prepared.shards))]
     known: dict[str, Truth] = {}
     for index in chosen.tolist():

@@ -1,10 +1,12 @@
 """`training label`: the planes of a classical method, written beside a prepared set for `fit` to learn from.
 
+Files beside those of the set:
+
 PREPARED/
-labels.json            method, counts and a sha256 over all labels
-shard-00000/
-planes.npy           (n, K, 5) float32, rows (n, d, error) in the unit frame, the best first; error inf: no plane
-families.npy         (n, 6) float32, direction and point of a continuous axis, zero where there is none
+  labels.json            method, counts and a sha256 over all labels
+  shard-00000/
+    planes.npy           (n, K, 5) float32, rows (n, d, error) in the unit frame, best first; error inf: no plane
+    families.npy         (n, 6) float32, direction and point of a continuous axis, zero where there is none
 """
 
 import hashlib

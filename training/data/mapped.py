@@ -29,7 +29,7 @@ class MappedArrays:
     ) -> None:
         """Map the files; ``progress`` is called with done and total while something is derived."""
         self._device = device
-        self._shard_of, self._row_of = prepared.places()
+        self._shard_of, self._row_of = prepared.locations()
         _allow_files(5 * len(prepared.manifest["shards"]))
         self._vertices, self._faces, self._starts = (_open(prepared, name) for name in ("vertices", "faces", "starts"))
         if prepared.exact(grid):
@@ -41,7 +41,7 @@ class MappedArrays:
     def meshes(self, shapes: Tensor) -> MeshBatch:
         """The triangles of ``shapes`` ``(b,)`` in the canonical frame."""
         corners: list[NDArray[np.uint16]] = []
-        for shard, row in self._places(shapes):
+        for shard, row in self._locations(shapes):
             (v0, f0), (v1, f1) = self._starts[shard][row : row + 2].tolist()
             corners.append(self._vertices[shard][v0:v1][self._faces[shard][f0:f1]])
         counts = torch.tensor([len(part) for part in corners])
@@ -52,23 +52,23 @@ class MappedArrays:
     def samples(self, shapes: Tensor, window: Tensor) -> Tensor:
         """The stored samples ``window`` ``(b, count)`` of ``shapes`` ``(b,)``: ``(b, count, 3)``."""
         found = np.empty((*window.shape, 3), dtype=np.uint16)
-        for out, (shard, row), index in zip(found, self._places(shapes), window.cpu().numpy(), strict=True):
+        for out, (shard, row), index in zip(found, self._locations(shapes), window.cpu().numpy(), strict=True):
             np.take(self._samples[shard][row], index, axis=0, out=out, mode="clip")
         return torch.from_numpy(dequantise(found)).to(self._device)
 
     def closest(self, shapes: Tensor, cells: Tensor) -> Tensor:
         """The grid's closest point of ``cells`` ``(b, m)``, flat indices, in ``shapes`` ``(b,)``: ``(b, m, 3)``."""
-        places = self._places(shapes)
+        locations = self._locations(shapes)
         if cells.device.type != "cpu":  # the grids of a batch are small: look up where the cells are
-            grids = np.stack([self._closest[shard][row] for shard, row in places])
+            grids = np.stack([self._closest[shard][row] for shard, row in locations])
             rows = torch.from_numpy(grids.view(np.int16)).to(cells.device).int() & 0xFFFF
             return torch.gather(rows, 1, cells[..., None].expand(-1, -1, 3)) / 65535 - 0.5
         found = np.empty((*cells.shape, 3), dtype=np.uint16)
-        for out, (shard, row), index in zip(found, places, cells.numpy(), strict=True):
+        for out, (shard, row), index in zip(found, locations, cells.numpy(), strict=True):
             np.take(self._closest[shard][row], index, axis=0, out=out, mode="clip")
         return torch.from_numpy(dequantise(found))
 
-    def _places(self, shapes: Tensor) -> list[tuple[int, int]]:
+    def _locations(self, shapes: Tensor) -> list[tuple[int, int]]:
         index = shapes.cpu().numpy()
         return list(zip(self._shard_of[index].tolist(), self._row_of[index].tolist(), strict=True))
 

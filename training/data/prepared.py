@@ -119,8 +119,8 @@ class PreparedSet:
         """The array ``name`` of every shard, memory-mapped."""
         return [np.load(shard / f"{name}.npy", mmap_mode="r") for shard in self.shards]
 
-    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Where every shape lies, ``(n,)`` each: the index of its shard, its row there."""
+    def locations(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where every shape is stored, ``(n,)`` each: the index of its shard, and its row in it."""
         lengths = [int(shard["shapes"]) for shard in self.manifest["shards"]]
         return np.repeat(np.arange(len(lengths)), lengths), np.concatenate([np.arange(length) for length in lengths])
 

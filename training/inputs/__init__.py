@@ -1,4 +1,4 @@
-"""What the network is shown: batches of meshes, augmented, posed and voxelized on the training device.
+"""The inputs of the network: batches of meshes, augmented, posed and voxelized on the training device.
 
 Torch and numpy alone; knows neither losses nor the trainer.
 """

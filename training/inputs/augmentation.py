@@ -1,7 +1,7 @@
-"""What is done to shapes before the network is shown them, so that it learns what real uploads look like.
+"""Augmentation: the damage that real uploads have, applied to shapes before the network sees them.
 
-Holes, cuts, noise, decimation, doubled faces, thin parts: plain torch on whole batches, drawn on the fly. The loss goes
-on judging on the shape as it was (paper, section 6.6).
+Holes, cuts, noise, decimation, doubled faces, thin parts: plain torch on whole batches, drawn on the fly. The loss is
+computed on the undamaged shape (paper, section 6.6).
 """
 
 import torch
@@ -46,12 +46,12 @@ def _with_cuts(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generat
 
 
 def _with_noise(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
-    """Move the vertices of ``noise`` of the shapes at random. Corners at one place move together: no gaps open."""
+    """Move the vertices of ``noise`` of the shapes at random; equal corners move together, so that no gaps open."""
     draws = torch.rand((meshes.size, 2), generator=generator, device=meshes.corners.device)
     deviation = damage.noise_size * draws[:, 0] * (draws[:, 1] < damage.noise)
-    # A hash of the place instead of a draw for every corner: triangles do not know which corners they share.
-    places = meshes.corners @ torch.tensor(_HASH, device=meshes.corners.device) + 100.0 * draws[:1, :1]
-    uniform = torch.sin(places) * 43758.547
+    # A hash of the coordinates instead of a draw for every corner: triangles do not know which corners they share.
+    hashes = meshes.corners @ torch.tensor(_HASH, device=meshes.corners.device) + 100.0 * draws[:1, :1]
+    uniform = torch.sin(hashes) * 43758.547
     uniform = uniform - uniform.floor() - 0.5
     return MeshBatch(
         meshes.corners + (12.0**0.5 * deviation)[meshes.shape, None, None] * uniform, meshes.shape, meshes.size
@@ -76,16 +76,16 @@ def _with_clusters(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Gen
     draws = torch.rand((meshes.size, 5), generator=generator, device=meshes.corners.device)
     size = (damage.cluster_size * draws[:, 0]).clamp_min(1e-6)[meshes.shape, None, None]
     shift = draws[meshes.shape, None, 1:4]
-    moved = ((meshes.corners / size + shift).round() - shift) * size
-    merged = MeshBatch(moved, meshes.shape, meshes.size)
+    snapped = ((meshes.corners / size + shift).round() - shift) * size
+    merged = MeshBatch(snapped, meshes.shape, meshes.size)
     # What is thinner than a cell would vanish.
     kept = merged.per_shape(merged.areas) >= 0.5 * meshes.per_shape(meshes.areas)
     chosen = (kept & (draws[:, 4] < damage.clusters))[meshes.shape]
-    return MeshBatch(torch.where(chosen[:, None, None], moved, meshes.corners), meshes.shape, meshes.size)
+    return MeshBatch(torch.where(chosen[:, None, None], snapped, meshes.corners), meshes.shape, meshes.size)
 
 
 def _with_doubled(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
-    """Of ``doubled`` of the shapes what lies beyond a random plane is there twice: inner walls, repeated faces.
+    """Of ``doubled`` of the shapes the part beyond a random plane is duplicated: inner surfaces, repeated faces.
 
     Not a voxel changes, but centroid and inertia frame do, which weigh by area.
     """

@@ -1,4 +1,4 @@
-"""What the network is shown: damage, frame, rotation and voxels, drawn on the fly for every sample."""
+"""The input pipeline: damage, frame, rotation and voxels, drawn on the fly for every sample."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Folders of meshes in the layouts they are published in: what is where, and what is known of it.
+"""Folders of meshes in the layouts they are published in: recognised by their files.
 
 One file a layout: `shapenet`, `modelnet`, `abc_dataset`, `thingi10k`, and `plain` for everything else. A layout says
 whether a folder looks like it and lists its meshes; to add one, write such a file and name it in `_LAYOUTS`.
@@ -54,12 +54,12 @@ def find_meshes(folders: Sequence[Path], *, split: str | None = None, manifest: 
     if split is not None:
         found = [source for source in found if source.split == split]
         if not found:
-            raise ValueError(f"no mesh below the folders given is said to be of the split {split!r}")
+            raise ValueError(f"no mesh below the given folders belongs to the split {split!r}")
     return sorted(found, key=lambda source: source.name)
 
 
 def draw_meshes(folders: Sequence[Path], limit: int | None, rng: np.random.Generator) -> list[tuple[int, SourceFile]]:
-    """The meshes below ``folders`` by name, at most ``limit`` of them drawn at random, each with its place among all.
+    """The meshes below ``folders`` by name, at most ``limit`` of them drawn at random, each with its index among all.
 
     Raises:
         ValueError: there is none (`find_meshes`).

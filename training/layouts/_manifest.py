@@ -1,4 +1,4 @@
-"""A CSV file that says more of mesh files than their folders do."""
+"""A manifest: a CSV file with sources, categories, licences and splits of mesh files."""
 
 import csv
 from collections.abc import Sequence

@@ -9,7 +9,7 @@ _SYNSET_DIGITS = 8
 
 
 def recognises(root: Path) -> bool:
-    """Whether a model lies where the archive has it."""
+    """Whether a model is where the published archive has it."""
     return any(root.glob("*/*/models/model_normalized.obj"))
 
 

@@ -8,11 +8,11 @@ import csv
 from collections.abc import Iterator
 from pathlib import Path
 
-from model.formats import SUPPORTED_FORMATS
+from model.formats import FORMATS
 from training.layouts._files import SourceFile
 
 _FOLDERS = ("raw_meshes", "npz")
-_SUFFIXES = {"raw_meshes": {f".{name}" for name in SUPPORTED_FORMATS}, "npz": {".npz"}}
+_SUFFIXES = {"raw_meshes": {f".{name}" for name in FORMATS}, "npz": {".npz"}}
 
 
 def recognises(root: Path) -> bool:
@@ -33,8 +33,8 @@ def meshes(root: Path) -> list[SourceFile]:
 
 
 def _candidates(root: Path) -> list[Path]:
-    places = [root, *(root / name for name in _FOLDERS), *(root / "Thingi10K" / name for name in _FOLDERS)]
-    return [place for place in places if place.name in _FOLDERS and place.is_dir()]
+    folders = [root, *(root / name for name in _FOLDERS), *(root / "Thingi10K" / name for name in _FOLDERS)]
+    return [folder for folder in folders if folder.name in _FOLDERS and folder.is_dir()]
 
 
 def _meshes(folder: Path) -> Iterator[Path]:
@@ -58,8 +58,8 @@ def _known(value: str | None) -> str:
 
 
 def _table(root: Path, name: str) -> list[dict[str, str]]:
-    for place in (root, root / "metadata", root / "Thingi10K" / "metadata", root.parent, root.parent / "metadata"):
-        if (place / name).is_file():
-            with (place / name).open(newline="", encoding="utf-8", errors="replace") as lines:
+    for folder in (root, root / "metadata", root / "Thingi10K" / "metadata", root.parent, root.parent / "metadata"):
+        if (folder / name).is_file():
+            with (folder / name).open(newline="", encoding="utf-8", errors="replace") as lines:
                 return list(csv.DictReader(lines))
     return []

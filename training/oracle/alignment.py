@@ -105,7 +105,7 @@ class Planes:
 class Axes:
     """Candidate rotations about axes: ``directions``, ``points`` ``(k, 3)``.
 
-    ``angles`` is ``(k, 1)``, or ``(k, m)`` to turn each sample by an angle of its own. ``free``: they are fitted too.
+    ``angles`` is ``(k, 1)``, or ``(k, m)`` to rotate each sample by an angle of its own. ``free``: they are fitted too.
     """
 
     directions: FloatArray
@@ -127,7 +127,7 @@ class Axes:
         return Axes(directions, points, angles, self.free)
 
     def _rotated(self, vectors: FloatArray) -> FloatArray:
-        """``(k, m, 3)`` vectors turned (Rodrigues)."""
+        """``(k, m, 3)`` rotated vectors (Rodrigues)."""
         w = self.directions[:, None]
         along = np.einsum("kmi,kji->kmj", vectors, w)
         cosine, sine = np.cos(self.angles)[..., None], np.sin(self.angles)[..., None]
@@ -153,17 +153,17 @@ class Axes:
     def tangents(self, samples: FloatArray) -> FloatArray:
         """How the images move with two tilts, two shifts and, if free, the angle: ``(k, m, 4 or 5, 3)``."""
         arms = samples[None] - self.points[:, None]
-        turned = self._rotated(arms)
+        rotated = self._rotated(arms)
         moves: list[FloatArray] = []
         sides = perpendicular(self.directions)
         for side in sides:
             omega = np.broadcast_to(side[:, None], arms.shape)
-            moves.append(np.cross(omega, turned) - self._rotated(np.cross(omega, arms)))
+            moves.append(np.cross(omega, rotated) - self._rotated(np.cross(omega, arms)))
         for side in sides:
             shift = np.broadcast_to(side[:, None], arms.shape)
             moves.append(shift - self._rotated(shift))
         if self.free:
-            moves.append(np.cross(self.directions[:, None], turned))
+            moves.append(np.cross(self.directions[:, None], rotated))
         return np.stack(moves, axis=2)
 
     def moved(self, delta: FloatArray) -> "Axes":
@@ -258,8 +258,8 @@ def polish(moves: Candidates, samples: FloatArray, surface: Surface, steps: int)
         signed[which[better]], direction[which[better]] = trial_signed[better], trial_direction[better]
         # An approximate minimum needs no more digits than its error has meaning.
         slow = better & (gain < 1e-4 * errors[which]) & (errors[which] > 1e-14)
-        settled = (size < 1e-10) | slow | (trial_errors < 1e-30)
+        converged = (size < 1e-10) | slow | (trial_errors < 1e-30)
         errors[which[better]] = trial_errors[better]
         damping[which] = np.clip(np.where(better, damping[which] / 10.0, damping[which] * 10.0), 1e-9, 1e6)
-        active[which[settled | (~better & (damping[which] > 1e4))]] = False
+        active[which[converged | (~better & (damping[which] > 1e4))]] = False
     return moves, errors

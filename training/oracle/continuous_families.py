@@ -1,4 +1,4 @@
-"""Continuous axes stand for their families: for every plane through them and every two-fold axis across them."""
+"""A continuous axis represents a family: every plane through it and every two-fold axis perpendicular to it."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ planes respect. Many are the corners of a tessellation."""
 
 
 def of_family(axis: TruthAxis, lying: BoolArray, errors: FloatArray) -> BoolArray:
-    """Which of the elements that lie with a continuous axis ``(k,)`` it stands for; ``errors`` are theirs."""
+    """Which of the elements ``(k,)`` near a continuous axis belong to its family; ``errors`` are theirs."""
     better = lying & (errors < _BETTER * axis.error) & (axis.error >= _BETTER * CLEAR_ERROR)
     return lying if better.sum() > _FEW else lying & ~better
 
@@ -61,7 +61,7 @@ def family_planes(axis: TruthAxis, rows: FloatArray, errors: FloatArray) -> Floa
 
 
 def surplus_planes(axes: list[TruthAxis], rows: FloatArray, errors: FloatArray) -> BoolArray:
-    """Which of the clear planes ``(k, 4)`` are too many: an axis of order n lies in at most n, of which the best count.
+    """Which of the clear planes ``(k, 4)`` are redundant: an axis of order n lies in at most n planes.
 
     A round table on four thin legs is symmetric within the limit in many planes; four of them are meant.
     """
@@ -70,7 +70,8 @@ def surplus_planes(axes: list[TruthAxis], rows: FloatArray, errors: FloatArray) 
         if axis.order is not None and axis.error < CLEAR_ERROR:
             through = np.flatnonzero(planes_through(axis, rows) & (errors < CLEAR_ERROR))
             redundant[through[np.argsort(errors[through], kind="stable")[axis.order :]]] = True
-    # Planes at a small angle to each other make turns by twice that angle: without such an axis one is a look-alike.
+    # Planes at a small angle to each other make rotations by twice that angle: without such an axis one is merely
+    # similar.
     many = [planes_through(axis, rows) for axis in axes if axis.order is None or axis.order * _CLOSE >= np.pi]
     for better, worse in zip(*np.nonzero(errors[:, None] < errors), strict=True):
         close = abs(float(rows[better, :3] @ rows[worse, :3])) > np.cos(_CLOSE)

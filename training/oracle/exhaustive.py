@@ -1,7 +1,7 @@
 """The exhaustive search for all reflection planes and rotation axes of a mesh: slow, and independent of the detector.
 
 Starts cover the hemisphere and several centres. Each is moved by closed-form steps, then by damped Gauss-Newton steps
-on the exact distance (`alignment`), judged on samples that took no part. Products of what is found are tried
+on the exact distance (`alignment`), measured on other samples. Products of what is found are tried
 until nothing new appears. All in the unit frame.
 """
 
@@ -54,8 +54,8 @@ class Settings:
 
     plane_starts: int = 360
     axis_starts: int = 260
-    turns: tuple[int, ...] = (2, 3, 4, 5)
-    """Axes are started with turns by 2π over these."""
+    start_orders: tuple[int, ...] = (2, 3, 4, 5)
+    """Axes are started with rotations by 2π over these."""
     scan_samples: int = 64
     coarse_samples: int = 128
     order_samples: int = 160
@@ -123,9 +123,9 @@ class Search:
         return np.array([float(self.surface.errors(Planes(row[None]).images(self._judge))[0]) for row in rows])
 
     def axis_error(self, direction: FloatArray, point: FloatArray, order: int | None) -> float:
-        """Error of an axis: of a turn by 2π/``order``, or over all angles."""
-        turn = Axes(direction[None], point[None], self._angles(order, len(self._judge), single=True))
-        return float(self.surface.errors(turn.images(self._judge))[0])
+        """Error of an axis: of a rotation by 2π/``order``, or over all angles."""
+        rotation = Axes(direction[None], point[None], self._angles(order, len(self._judge), single=True))
+        return float(self.surface.errors(rotation.images(self._judge))[0])
 
     def _plane_starts(self, normals: FloatArray, low: FloatArray, high: FloatArray, centre: FloatArray) -> Planes:
         """The most promising offsets of every direction, moved a few closed-form steps."""
@@ -150,12 +150,12 @@ class Search:
         return moves
 
     def _axis_starts(self, centre: FloatArray) -> Axes:
-        """For every turn the directions better than their neighbours, moved a few closed-form steps."""
+        """For every start order the directions better than their neighbours, moved a few closed-form steps."""
         directions = np.vstack([self._inertia, hemisphere(self.settings.axis_starts)])
         points = [np.zeros(3)] if np.linalg.norm(centre) < SAME_SHIFT else [np.zeros(3), centre]
         chosen: list[Axes] = []
-        for turn in self.settings.turns:
-            angles = np.full((len(directions), 1), 2.0 * np.pi / turn)
+        for order in self.settings.start_orders:
+            angles = np.full((len(directions), 1), 2.0 * np.pi / order)
             several = [Axes(directions, np.tile(point, (len(directions), 1)), angles, True) for point in points]
             errors = np.stack([self.surface.errors(axes.images(self._scan)) for axes in several])
             for axes, own in zip(several, errors, strict=True):
@@ -255,23 +255,23 @@ class Search:
         return moves
 
     def _finished(self, direction: FloatArray, point: FloatArray) -> TruthAxis | None:
-        """The order of a candidate axis, its last refinement over all its turns, and its error."""
-        turn = turn_of(direction, point, self._order, self._fine, self.surface, 1.25 * MAX_ERROR)
-        if turn is None:
+        """The order of a candidate axis, its last refinement over all its rotations, and its error."""
+        found = turn_of(direction, point, self._order, self._fine, self.surface, 1.25 * MAX_ERROR)
+        if found is None:
             return None
-        start = Axes(direction[None], point[None], self._angles(turn.order, len(self._fine)))
+        start = Axes(direction[None], point[None], self._angles(found.order, len(self._fine)))
         moves, _ = polish(start, self._fine, self.surface, 25)
         direction, point = moves.directions[0], moves.points[0]
-        error = self.axis_error(direction, point, turn.order)
+        error = self.axis_error(direction, point, found.order)
         if error > MAX_ERROR:
             return None
         # On a sphere every axis is as good as any other.
-        if not (turn.order is None and error < CLEAR_ERROR) and not self._axis_contrast(direction, point, turn.order):
+        if not (found.order is None and error < CLEAR_ERROR) and not self._axis_contrast(direction, point, found.order):
             return None
-        return TruthAxis(direction, point, turn.order, error)
+        return TruthAxis(direction, point, found.order, error)
 
     def _angles(self, order: int | None, count: int, single: bool = False) -> FloatArray:
-        """An angle for every sample ``(1, count)``, over all turns of the axis; ``(1, 1)`` if ``single`` and finite."""
+        """An angle for every sample ``(1, count)``, over all rotations; ``(1, 1)`` if ``single`` and finite."""
         if order is None:
             return 2.0 * np.pi * np.array([(index * 0.6180339887498949) % 1.0 for index in range(count)])[None]
         if single:

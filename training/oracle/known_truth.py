@@ -1,4 +1,4 @@
-"""What `training shapes` wrote down of the symmetries of a file, in the form of the search's truth."""
+"""The symmetries that `training shapes` recorded for a file, in the form of the search's results."""
 
 import json
 from functools import lru_cache

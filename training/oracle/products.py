@@ -12,11 +12,11 @@ SAME_SHIFT = 0.01
 _MOST_MATRICES = 150
 _LEAST_TURN = np.deg2rad(4.0)
 _LARGEST_SHIFT = 0.02
-"""Products of approximate symmetries may shift along the axis a little, or turn a little while they mirror."""
+"""Products of approximate symmetries may translate a little along the axis, or rotate a little while they mirror."""
 
 
 def isometries(planes: FloatArray, axes: list[TruthAxis]) -> FloatArray:
-    """``(g, 4, 4)`` matrices: reflections in ``(p, 4)`` planes, powers of the turns about axes of finite order."""
+    """``(g, 4, 4)`` matrices: reflections in ``(p, 4)`` planes, powers of the rotations about axes of finite order."""
     powers = [list(range(1, axis.order)) for axis in axes if axis.order]
     finite = [axis for axis in axes if axis.order]
     if len(planes) + sum(map(len, powers)) > _MOST_MATRICES:
@@ -41,9 +41,9 @@ def products(planes: FloatArray, axes: list[TruthAxis]) -> tuple[FloatArray, Axe
     normals = np.linalg.eigh(linear[mirrors] + linear[mirrors].transpose(0, 2, 1))[1][:, :, 0]
     rows = np.column_stack([normals, -np.einsum("ki,ki->k", normals, shifts[mirrors]) / 2.0])
     squares = every[improper & ~mirrors]
-    turns = np.concatenate([every[~improper], squares @ squares])
-    found = axes_of(turns[:, :3, :3], turns[:, :3, 3])
-    slip = np.abs(np.einsum("ki,ki->k", found.directions, turns[:, :3, 3]))
+    rotations = np.concatenate([every[~improper], squares @ squares])
+    found = axes_of(rotations[:, :3, :3], rotations[:, :3, 3])
+    slip = np.abs(np.einsum("ki,ki->k", found.directions, rotations[:, :3, 3]))
     return rows, found.take((found.angles[:, 0] > _LEAST_TURN) & (slip < _LARGEST_SHIFT))
 
 

@@ -1,8 +1,8 @@
-"""The order of a rotation axis: how many turns about it map a surface to itself, or whether every angle does.
+"""The order of a rotation axis: how many rotations about it map a surface to itself, or whether every angle does.
 
 The mean squared error alone cannot tell a prism over a regular 24-gon from a finely cut cylinder: both hold for every
 angle to 2e-6. What tells them apart is the contrast between the angles that hold and those half-way between, and how
-far a turned surface leaves itself, measured against the distance from the axis.
+far a rotated surface departs from itself, measured against the distance from the axis.
 """
 
 from collections.abc import Callable
@@ -15,8 +15,8 @@ from training.oracle.alignment import Axes, Surface
 from training.oracle.truth import CLEAR_ERROR
 
 ROUND_DEVIATION = 0.0065
-"""A turned surface that leaves itself by less than this share of the local radius is round: a regular polygon of 28
-corners is (1 - cos(π/28) = 0.63 %), one of 27 is not."""
+"""A rotated surface that departs from itself by less than this share of the local radius is round: a regular polygon
+of 28 corners is (1 - cos(π/28) = 0.63 %), one of 27 is not."""
 _ROUND_POLYGON = 28
 _ANGULAR = 0.5
 """With this share of the deviation of a regular polygon of its order a shape is that polygon, and no sloppy circle."""
@@ -35,7 +35,7 @@ whose error is below this and in strong contrast to what is between."""
 
 
 class Turn(NamedTuple):
-    """The ``order`` of an axis (None: every angle holds), the largest ``error`` of the turns that were tried."""
+    """The ``order`` of an axis (None: every angle holds), the largest ``error`` of the rotations that were tried."""
 
     order: int | None
     error: float
@@ -46,8 +46,8 @@ def turn_errors(
 ) -> FloatArray:
     """Symmetry errors ``(a,)`` of the rotations by ``(a,)`` ``angles`` about one axis, on ``(m, 3)`` samples."""
     count = len(angles)
-    turns = Axes(np.tile(direction, (count, 1)), np.tile(point, (count, 1)), angles[:, None])
-    return surface.errors(turns.images(samples))
+    rotations = Axes(np.tile(direction, (count, 1)), np.tile(point, (count, 1)), angles[:, None])
+    return surface.errors(rotations.images(samples))
 
 
 def turn_of(
@@ -61,7 +61,7 @@ def turn_of(
         samples: ``(m, 3)`` surface samples, some 150 of them.
         many: ``(l, 3)`` more of them, for what only round shapes are asked.
         surface: the surface.
-        limit: the largest symmetry error of a turn that holds.
+        limit: the largest symmetry error of a rotation that holds.
     """
 
     def errors(angles: FloatArray) -> FloatArray:
@@ -114,7 +114,7 @@ class _Held(NamedTuple):
 
 
 def _held(order: int, once: float, errors: Callable[[FloatArray], FloatArray]) -> _Held:
-    """How well turns by 2π/``order`` hold, and how much better than those half-way between."""
+    """How well rotations by 2π/``order`` hold, and how much better than those half-way between."""
     step = 2.0 * np.pi / order
     again, half, further = errors(np.array([order // 2, 0.5, 1.5]) * step)
     error = max(float(once), float(again))
@@ -122,15 +122,15 @@ def _held(order: int, once: float, errors: Callable[[FloatArray], FloatArray]) -
 
 
 def relative_deviation(direction: FloatArray, point: FloatArray, samples: FloatArray, surface: Surface) -> float:
-    """How far the surface leaves itself when turned, as a share of the local distance from the axis.
+    """How far the surface departs from itself when rotated, as a share of the local distance from the axis.
 
     Radial distances over some angles; the 98th percentile, so that a scratch does not make a cylinder angular. Parts
     close to the axis, or perpendicular to it, say nothing and are left out.
     """
     angles = _between(24, 0.41, 29)
     count = len(angles)
-    turns = Axes(np.tile(direction, (count, 1)), np.tile(point, (count, 1)), angles[:, None])
-    images = turns.images(samples)
+    rotations = Axes(np.tile(direction, (count, 1)), np.tile(point, (count, 1)), angles[:, None])
+    images = rotations.images(samples)
     signed, ways = surface.residuals(images)
     arms = images - point
     arms -= (arms @ direction)[..., None] * direction

@@ -1,4 +1,4 @@
-"""Where the exhaustive search starts: directions over the hemisphere, extents and a centre of the shape."""
+"""Starting candidates of the exhaustive search: directions over the hemisphere, extents and a centre of the shape."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What is known of a shape's symmetries, and the file `training groundtruth` keeps it in."""
+"""The known symmetries of a shape, and the file format of `training groundtruth`."""
 
 import json
 from collections.abc import Mapping
@@ -109,7 +109,7 @@ def save(path: Path, shapes: Mapping[str, Truth], settings: Mapping[str, Any], m
     Args:
         path: the file to write.
         shapes: the shapes by name.
-        settings: what the search was told, plain values.
+        settings: the settings of the search, plain values.
         manifest_sha256: digest of the names and contents of the mesh files.
     """
     head = f'{{"manifest_sha256": {json.dumps(manifest_sha256)},\n"settings": {json.dumps(dict(settings))},\n'

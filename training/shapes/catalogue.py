@@ -6,7 +6,7 @@
 
 Symmetry holds by construction: most shapes are built from rings, or by taking one irregular solid through
 every element of a point group. Surfaces of revolution and the sphere are tessellated finely and listed with
-the symmetry they stand for.
+the symmetry of the ideal surface.
 """
 
 import json
@@ -53,7 +53,7 @@ class KnownShape:
             to it is.
         axes: every proper axis with its largest order. Of the two-fold axes perpendicular to a continuous one
             none is listed. A sphere lists three perpendicular continuous axes and planes.
-        segments: for a surface of revolution, how many turns around its axis map the tessellation to itself.
+        segments: for a surface of revolution, how many rotations about its axis map the tessellation to itself.
     """
 
     name: str
@@ -93,7 +93,7 @@ def generate(family: str, rng: np.random.Generator, *, pose: bool = False, **par
         raise ValueError(f"there is no family {family!r}; known are {', '.join(families())}")
     drawn = _FAMILIES[family](rng, **parameters)
     elements = _CONTINUOUS.get(drawn.group) or group_elements(drawn.group)
-    normals, directions = elements.planes @ drawn.turn.T, elements.axes @ drawn.turn.T
+    normals, directions = elements.planes @ drawn.rotation.T, elements.axes @ drawn.rotation.T
     planes = [[*canonical_sign(normal), 0.0] for normal in normals]
     shape = KnownShape(
         name=family,

@@ -29,11 +29,11 @@ Rng = np.random.Generator
 
 
 class Drawn(NamedTuple):
-    """A solid and its group, whose conventional frame ``turn`` (3, 3) takes to the solid's."""
+    """A solid and its group, whose conventional frame ``rotation`` (3, 3) takes to the solid's."""
 
     solid: Solid
     group: str
-    turn: FloatArray = np.eye(3)
+    rotation: FloatArray = np.eye(3)
     segments: int | None = None
 
 
@@ -126,7 +126,7 @@ def star(rng: Rng, n: int | None = None) -> Drawn:
 
 
 def antiprism(rng: Rng, n: int | None = None) -> Drawn:
-    """Dnd: a star below, the same star turned by half its spacing above."""
+    """Dnd: a star below, the same star rotated by half its spacing above."""
     n = _corners(rng, n, 2, 12)
     inner, (low, high) = float(rng.uniform(0.4, 0.65)), _heights(rng)
     step = np.pi / n
@@ -184,7 +184,7 @@ def torus(rng: Rng, segments: int = 96) -> Drawn:
 
 
 def vase(rng: Rng, segments: int = 96) -> Drawn:
-    """Cinfv: a turned body, clearly wider at one end."""
+    """Cinfv: a body of revolution, clearly wider at one end."""
     height, t = float(rng.uniform(1.5, 3.0)), np.linspace(0.0, 1.0, 25)
     radius = (
         0.45
@@ -196,7 +196,7 @@ def vase(rng: Rng, segments: int = 96) -> Drawn:
 
 
 def spindle(rng: Rng, segments: int = 96) -> Drawn:
-    """Dinfh: a turned body, the same at both ends."""
+    """Dinfh: a body of revolution, the same at both ends."""
     height, t = float(rng.uniform(1.5, 3.0)), np.linspace(-1.0, 1.0, 25)
     radius = 0.5 + rng.uniform(-0.2, 0.25) * np.cos(np.pi * t) + rng.uniform(0.05, 0.15) * np.cos(3.0 * np.pi * t)
     return Drawn(revolve(np.stack([radius, 0.5 * height * t], axis=1), segments), "Dinfh", segments=segments)

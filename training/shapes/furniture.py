@@ -1,4 +1,4 @@
-"""Furniture with known symmetries: what a catalogue holds, as unions of boxes. z is up, the front is -y."""
+"""Furniture with known symmetries: chairs, tables and the like as unions of boxes. z is up, the front is -y."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from training.shapes.families import Drawn, Rng
 from training.shapes.point_groups import group_matrices
 from training.shapes.solids import Solid, box, merge, orbit, revolve
 
-_Y = np.roll(np.eye(3), 2, axis=0)  # turns z to y, y to x, x to z
+_Y = np.roll(np.eye(3), 2, axis=0)  # rotates z to y, y to x, x to z
 
 
 def table(rng: Rng, square: bool | None = None) -> Drawn:
@@ -70,7 +70,7 @@ def shelf(rng: Rng, group: str | None = None) -> Drawn:
     bodies += [box((0.04, depth, height + 0.04), (side * width / 2.0, 0.0, 0.0)) for side in (-1, 1)]
     if group != "D2h":
         bodies.append(box((width, 0.03, height), (0.0, 0.5 * depth, 0.0)))
-    return Drawn(merge(*bodies), group, turn=_Y if group == "C2v" else np.eye(3))
+    return Drawn(merge(*bodies), group, rotation=_Y if group == "C2v" else np.eye(3))
 
 
 def desk(rng: Rng) -> Drawn:
@@ -85,7 +85,7 @@ def desk(rng: Rng) -> Drawn:
         box((chest, 0.9 * depth, height), (0.65 - 0.5 * chest, 0.0, 0.5 * height)),
         box((0.05, 0.9 * depth, height), (-0.62, 0.0, 0.5 * height)),
     ]
-    return Drawn(merge(*bodies), "Cs", turn=_Y @ _Y)
+    return Drawn(merge(*bodies), "Cs", rotation=_Y @ _Y)
 
 
 def _legs(width: float, depth: float, height: float, leg: float) -> list[Solid]:

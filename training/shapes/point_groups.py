@@ -65,7 +65,7 @@ def group_elements(name: str) -> Elements:
     """
     planes: list[FloatArray] = []
     axes: list[FloatArray] = []
-    turns: list[int] = []
+    orders: list[int] = []
     for matrix in group_matrices(name)[1:]:
         if np.linalg.det(matrix) < 0:
             if abs(np.trace(matrix) - 1.0) < _SAME:  # I - 2 n nᵀ
@@ -75,10 +75,10 @@ def group_elements(name: str) -> Elements:
         known = next((i for i, axis in enumerate(axes) if np.abs(axis - direction).max() < _SAME), None)
         if known is None:
             axes.append(direction)
-            turns.append(2)  # the identity and this one
+            orders.append(2)  # the identity and this one
         else:
-            turns[known] += 1
-    return Elements(np.array(planes).reshape(-1, 3), np.array(axes).reshape(-1, 3), tuple(turns))
+            orders[known] += 1
+    return Elements(np.array(planes).reshape(-1, 3), np.array(axes).reshape(-1, 3), tuple(orders))
 
 
 def _generators(name: str) -> list[FloatArray]:
@@ -106,15 +106,15 @@ def _generators(name: str) -> list[FloatArray]:
     if match is None:
         raise ValueError(f"{name!r} is not a finite point group")
     kind, n, suffix = match[1], int(match[2]), match[3]
-    turn = rotation((0.0, 0.0, 1.0), 2.0 * np.pi / n)
+    principal = rotation((0.0, 0.0, 1.0), 2.0 * np.pi / n)
     if kind == "S" and n % 2 == 0 and suffix is None:
-        return [turn @ mirror_z]
+        return [principal @ mirror_z]
     if kind == "C" and n > 1 and suffix != "d":
         extra = {None: [], "v": [np.diag([1.0, -1.0, 1.0])], "h": [mirror_z]}
-        return [turn, *extra[suffix]]
+        return [principal, *extra[suffix]]
     if kind == "D" and n > 1 and suffix != "v":
         extra = {None: [], "h": [mirror_z], "d": [rotation((0.0, 0.0, 1.0), np.pi / n) @ mirror_z]}
-        return [turn, half_x, *extra[suffix]]
+        return [principal, half_x, *extra[suffix]]
     raise ValueError(f"{name!r} is not a finite point group")
 
 
@@ -137,7 +137,7 @@ def _rotation_axis(matrix: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(twice_sine))
     if length > _SAME:
         return canonical_sign(twice_sine / length)
-    return _line((matrix + np.eye(3)) / 2.0)  # a half turn: 2 u uᵀ - I
+    return _line((matrix + np.eye(3)) / 2.0)  # a rotation by π: 2 u uᵀ - I
 
 
 def _line(projector: FloatArray) -> FloatArray:

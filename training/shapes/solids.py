@@ -23,7 +23,7 @@ def merge(*solids: Solid) -> Solid:
 
 
 def moved(solid: Solid, matrix: FloatArray, translation: FloatArray | float = 0.0) -> Solid:
-    """Return the solid under x ↦ ``matrix`` x + ``translation``, faces turned over by a mirror."""
+    """Return the solid under x ↦ ``matrix`` x + ``translation``, faces flipped by a reflection."""
     vertices, faces = solid
     faces = faces[:, ::-1] if np.linalg.det(matrix) < 0 else faces
     return vertices @ matrix.T + translation, np.ascontiguousarray(faces)
@@ -161,7 +161,7 @@ def irregular(rng: np.random.Generator) -> Solid:
     """Return a solid that no plane and no rotation maps to itself, not even roughly, inside the unit ball.
 
     Three tapering arms, near to perpendicular, clearly unequal in length and width, leave an irregular core:
-    a mirror would have to exchange two arms or turn one round.
+    a mirror would have to exchange two arms or reverse one.
     """
     octahedron, faces = regular_solid("octahedron")
     core = octahedron * rng.uniform(0.2, 0.45, size=(6, 1)) + rng.normal(scale=0.03, size=(6, 3))

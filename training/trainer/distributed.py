@@ -60,9 +60,9 @@ class World:
         """What the main process says."""
         if self.size == 1:
             return flag
-        said = torch.tensor([int(flag)], device=self.device)
-        dist.broadcast(said, 0)
-        return bool(said.item())
+        agreed = torch.tensor([int(flag)], device=self.device)
+        dist.broadcast(agreed, 0)
+        return bool(agreed.item())
 
     def in_turn(self, work: Callable[[], Any]) -> Any:
         """``work()`` in the main process first, then in all others, which find what it left."""
@@ -92,7 +92,7 @@ class World:
 
 
 def join(device: str | None) -> World:
-    """Take the place that `torchrun` gave this process; without it there is one process.
+    """Join the process group as `torchrun` numbered this process; without it there is one process.
 
     Args:
         device: ``cuda``, ``cpu``, ...; by default a GPU, one for each process, where there is one.

@@ -34,7 +34,7 @@ def export_run(
         metrics: JSON reports of `training evaluate`; they are kept whole, by file name.
         which: ``best`` (lowest validation loss) or ``last``.
         settings: how the detector is to use the weights, as in ``["passes=2", "sign_frames=8"]``, where that was
-            settled after training, on held-out shapes.
+            chosen after training, on held-out shapes.
 
     Raises:
         ValueError: the folder holds no such checkpoint.

@@ -23,14 +23,14 @@ from training.recipe import OptimizerRecipe, Recipe
 from training.trainer.distributed import World, join
 from training.trainer.monitor import CollapseMonitor, memory_in_use
 from training.trainer.objective import Batch, batch_losses, validate
-from training.trainer.precision import Precision, keep_heads_exact
+from training.trainer.precision import Precision, keep_small_layers_exact
 from training.trainer.records import RunLog, Writer, append, save, trim
 from training.trainer.revision import git_revision
 from training.trainer.supervision import PlaneLabels
 
 VALIDATION_SHAPES = 512
 EARLY_STEPS = 20
-"""Speed and memory are said after so many steps, so that a hopeless run need not be waited for."""
+"""Speed and memory are logged after so many steps: whoever sees that a run takes too long can end it early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ class _Trainer:
             if world.main:
                 trim(run / "curve.csv", self.step)
         if precision != "float32":
-            keep_heads_exact(self.network)
+            keep_small_layers_exact(self.network)
         self.wrapped = world.wrapped(self.network)
         verb = f"resumed at step {self.step}" if self.step else "began"
         self._say(
@@ -257,8 +257,8 @@ class _Trainer:
             "learning_rate": rate,
             "gradient_norm": norm,
             # Collapse monitors: how much the normals vary over the batch, and the mean sine of half the angle.
-            "turn": float(planes[..., :3].std(0).mean()),
-            "half_turn": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
+            "normal_std": float(planes[..., :3].std(0).mean()),
+            "rotation_sine": float(quaternions[..., 1:].norm(dim=-1).mean()) if quaternions.numel() else 0.0,
             "samples_per_second": speed,
         }
         return row if self.labels is None else {**row, "supervision": float(means[4])}

@@ -1,19 +1,20 @@
-"""What tells early that a run goes wrong: heads that have stopped listening, gradients, speed and memory."""
+"""Early signs that a run goes wrong: outputs that do not depend on the input, gradients that are not finite."""
 
 import math
 from pathlib import Path
 
 import torch
 
-LEAST_TURN = 1e-3
-"""Normals that vary less over a batch do not follow the input. Healthy networks stand above 0.05 here."""
+LEAST_NORMAL_STD = 1e-3
+"""Standard deviation of the predicted normals over a batch: below it they do not depend on the input. Healthy networks
+are above 0.05."""
 
-LEAST_HALF_TURN = 0.05
+LEAST_ROTATION_SINE = 0.05
 """The mean sine of half the angle of the rotations; at zero they are the identity. A half turn has 1."""
 
 _LEAST_PATIENCE = 1000
 _SHARE = 0.15
-"""A network may stand still at first: the paper's for 5 % of its run, before it breaks away from its initial planes."""
+"""Share of a run without progress that is tolerated: the paper's network keeps its initial planes for the first 5 %."""
 
 
 class CollapseError(RuntimeError):
@@ -21,7 +22,7 @@ class CollapseError(RuntimeError):
 
 
 class CollapseMonitor:
-    """Watches ``turn`` and ``half_turn`` of the curve; both may be low for a while, but not for long.
+    """Watches ``normal_std`` and ``rotation_sine`` of the curve; both may be low for a while, but not for long.
 
     Args:
         steps: length of the run.
@@ -30,7 +31,7 @@ class CollapseMonitor:
 
     def __init__(self, steps: int, rotations: bool) -> None:
         self.patience = max(_LEAST_PATIENCE, round(_SHARE * steps))
-        self._watched = {"turn": LEAST_TURN} | ({"half_turn": LEAST_HALF_TURN} if rotations else {})
+        self._watched = {"normal_std": LEAST_NORMAL_STD} | ({"rotation_sine": LEAST_ROTATION_SINE} if rotations else {})
         self._since: dict[str, int] = {}
         self._warned: set[str] = set()
 
@@ -65,8 +66,8 @@ class CollapseMonitor:
 
 
 _MEANING = {
-    "turn": "the predicted planes have not moved with the input",
-    "half_turn": "the predicted rotations have been near the identity",
+    "normal_std": "the predicted planes have not depended on the input",
+    "rotation_sine": "the predicted rotations have been near the identity",
 }
 
 

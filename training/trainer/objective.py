@@ -1,4 +1,4 @@
-"""What a step minimises: inputs drawn, the network asked, its answers judged in the canonical frame."""
+"""The objective of a step: draws the inputs, runs the network, computes the losses in the canonical frame."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ def batch_losses(
 ) -> Batch:
     """Draw inputs for ``shapes`` ``(b,)``, run the network, evaluate the loss in the canonical frame.
 
-    The predicted transforms are turned back into the canonical frame and act on the samples there; the transformed
+    The predicted transforms are rotated back into the canonical frame and act on the samples there; the transformed
     points are looked up in the canonical closest-point grid, so no grid is ever recomputed. Among several processes
     everything random is drawn for the whole batch, and the rest is done for this process's part of it.
     """

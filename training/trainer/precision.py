@@ -16,18 +16,29 @@ def mixed(precision: Precision, device: torch.device) -> AbstractContextManager[
     return torch.autocast(device.type, dtype=torch.bfloat16)
 
 
-def keep_heads_exact(network: nn.Module) -> None:
-    """Let fully connected layers compute in float32 inside `mixed`, too.
+def keep_small_layers_exact(network: nn.Module) -> None:
+    """Let fully connected layers, and on a CPU convolutions of very few voxels, compute in float32 inside `mixed`.
 
-    They are small, and what they return are planes: three digits, as bfloat16 has, would be a quarter of a degree.
+    Fully connected layers are small, and what they return are planes: three digits, as bfloat16 has, would be a quarter
+    of a degree. Convolutions whose input is smaller than their kernel are small as well, and oneDNN's bfloat16 kernel
+    for processors with AVX-512 but without matrix units (jit_bf16:avx512_core_bf16, torch 2.13) leaves parts of the
+    gradient of their weights unwritten: arbitrary numbers, up to infinity.
     """
     for module in network.modules():
-        if isinstance(module, nn.Linear):
+        if isinstance(module, nn.Linear | nn.Conv3d):
             module.register_forward_pre_hook(_enter)
             module.register_forward_hook(_leave, always_call=True)
 
 
-def _enter(module: nn.Module, inputs: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+def _is_small(module: nn.Module, values: Tensor) -> bool:
+    if not isinstance(module, nn.Conv3d):
+        return True
+    return values.device.type == "cpu" and min(values.shape[2:]) < max(module.kernel_size)
+
+
+def _enter(module: nn.Module, inputs: tuple[Tensor, ...]) -> tuple[Tensor, ...] | None:
+    if not _is_small(module, inputs[0]):
+        return None
     exact = torch.autocast(inputs[0].device.type, enabled=False)
     exact.__enter__()
     vars(module)["_exact"] = exact
@@ -35,4 +46,6 @@ def _enter(module: nn.Module, inputs: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
 
 
 def _leave(module: nn.Module, inputs: tuple[Tensor, ...], output: Tensor) -> None:
-    vars(module).pop("_exact").__exit__(None, None, None)
+    exact = vars(module).pop("_exact", None)
+    if exact is not None:
+        exact.__exit__(None, None, None)

@@ -9,7 +9,8 @@ from typing import Any, Protocol
 import torch
 
 COLUMNS: tuple[str, ...] = (
-    "step", "loss", "symmetry", "regularization", "best_plane", "learning_rate", "gradient_norm", "turn", "half_turn",
+    "step", "loss", "symmetry", "regularization", "best_plane", "learning_rate", "gradient_norm", "normal_std",
+    "rotation_sine",
     "samples_per_second", "validation_loss", "validation_best_plane", "validation_plane", "validation_share",
     "supervision", "validation_supervision",
 )  # fmt: skip

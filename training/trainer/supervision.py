@@ -16,7 +16,7 @@ from training.inputs.inputs import Pose
 from training.recipe import SupervisionRecipe
 
 _SOFT = 1e-3
-"""Where the plain distance turns into a square: at a twentieth of a degree."""
+"""Where the plain distance becomes a square: at a twentieth of a degree."""
 
 
 @dataclass(slots=True)

@@ -3,6 +3,7 @@
 import { completeQuery, curlLine, detectQuery, endpoint, send, type Options } from "./api";
 import { download, h } from "./dom";
 import { plural, shellWord, short } from "./format";
+import { formats } from "./formats";
 import { sourceOf } from "./list";
 import { ProblemError, noAnswer } from "./problems";
 import { itemById, type State, type Store } from "./store";
@@ -25,7 +26,7 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
   const format = h(
     "select",
     { id: "complete-format", "aria-label": "Format of the completed mesh" },
-    ...["ply", "glb", "obj", "stl"].map((name) => h("option", { value: name }, name.toUpperCase())),
+    ...formats().written.map((name) => h("option", { value: name }, name.toUpperCase())),
   );
   const symmetrize = h("input", { type: "checkbox", id: "symmetrize" });
   const across = h("span", { class: "muted small" });

@@ -17,8 +17,6 @@ export interface ProblemWords {
   again: boolean;
 }
 
-const FORMATS = "STL, OBJ, PLY, OFF, GLB, glTF with its .bin, and 3MF";
-
 const WORDS: Record<string, ProblemWords> = {
   "malformed-request": words("The request was not understood", "Reload this page and try again.", true),
   "invalid-parameter": words("A setting is not allowed", "Choose another value."),
@@ -39,10 +37,7 @@ const WORDS: Record<string, ProblemWords> = {
     "The mesh is too complex",
     "Too many faces cross or crowd each other. Send its outer surface alone, or a simplified mesh.",
   ),
-  "unsupported-format": words(
-    "This format is not read",
-    `Formats: ${FORMATS}. The name's ending must fit the content.`,
-  ),
+  "unsupported-format": words("This format is not read", "The name's ending must fit the content."),
   "unreadable-mesh": words(
     "The file cannot be read",
     "It may be damaged or incomplete. Write it again, with its geometry inside.",

@@ -2,6 +2,7 @@
 
 import { detectQuery, endpoint, fetchLimits, send, type Options } from "./api";
 import { bytes } from "./format";
+import { formats } from "./formats";
 import { readAnnotated } from "./glb";
 import { itemsOf } from "./items";
 import { cornerNormals } from "./normals";
@@ -9,9 +10,6 @@ import { ProblemError, type Problem } from "./problems";
 import type { DetectResult, Limits } from "./result";
 import type { State, Store, Surface, Up } from "./store";
 import { withCompanions } from "./together";
-
-/** Formats in which z usually points upwards. */
-const Z_UP = new Set(["stl", "3mf"]);
 
 /** A start takes some ten seconds, or a minute where kernels are compiled. */
 const [MOST_TRIES, PAUSE_MS] = [90, 1000];
@@ -106,7 +104,7 @@ function optionsOf(state: State): Partial<State> {
 
 /** Another mesh is first seen as it is, with the direction upwards that is usual in its format. */
 function fresh(result: DetectResult): Partial<State> {
-  const up: Up = Z_UP.has(result.mesh.format ?? "") ? "z" : "y";
+  const up: Up = formats().read.find(({ extension }) => extension === result.mesh.format)?.up ?? "y";
   return { up, view: "mesh" };
 }
 

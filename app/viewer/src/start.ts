@@ -2,13 +2,15 @@
 
 import { byId, h } from "./dom";
 import { EXAMPLES, fetchExample } from "./examples";
+import { formats } from "./formats";
 import { icon } from "./icons";
 import { isBusy, type Store } from "./store";
-import { ACCEPTED, together } from "./together";
+import { accepted, together } from "./together";
 
 export function attachStart(store: Store, open: (file: File) => void): void {
   const picker = byId<HTMLInputElement>("file");
-  picker.accept = ACCEPTED;
+  const { read } = formats();
+  picker.accept = accepted();
   picker.multiple = true;
   picker.addEventListener("change", () => {
     const file = together(picker.files ?? []);
@@ -23,7 +25,7 @@ export function attachStart(store: Store, open: (file: File) => void): void {
     h(
       "span",
       { class: "muted small" },
-      "STL, OBJ, PLY, OFF, GLB, glTF with its .bin, 3MF. It goes to this service and nowhere else.",
+      `${read.map(({ label, note }) => `${label} ${note}`.trim()).join(", ")}. It goes to this service and nowhere else.`,
     ),
   );
   const start = byId("start");

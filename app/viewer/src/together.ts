@@ -1,19 +1,23 @@
 /** Files that belong together: a mesh, and what it keeps in other files. They are sent in one upload. */
 
-const MESHES = ["stl", "obj", "ply", "off", "glb", "gltf", "3mf"];
+import { formats } from "./formats";
+
 const COMPANIONS = ["bin", "mtl", "png", "jpg", "jpeg", "webp"];
 
 const beside = new WeakMap<File, File[]>();
 
 /** What a file picker offers. */
-export const ACCEPTED = [...MESHES, ...COMPANIONS].map((name) => `.${name}`).join(",");
+export const accepted = (): string => [...meshes(), ...COMPANIONS].map((name) => `.${name}`).join(",");
+
+const meshes = (): string[] => formats().read.map((format) => format.extension);
 
 const extension = (file: File): string => file.name.split(".").pop()?.toLowerCase() ?? "";
 
 /** The first mesh among files that were chosen, with those beside it that are no meshes; or the first file. */
 export function together(files: Iterable<File>): File | undefined {
   const all = [...files];
-  const mesh = all.find((file) => MESHES.includes(extension(file))) ?? all[0];
+  const known = meshes();
+  const mesh = all.find((file) => known.includes(extension(file))) ?? all[0];
   if (mesh) {
     beside.set(
       mesh,

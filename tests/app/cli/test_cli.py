@@ -13,10 +13,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from app import detection, local, schemas
-from app.cli.batch import bop_key
 from app.cli.commands import app
 from app.cli.inputs import expand
 from app.http import server
+from app.outputs import bop
 from app.settings import Settings
 from model.errors import CheckpointError, NoPlaneError
 from tests.app.fakes import DATA, FakeDetector
@@ -67,8 +67,22 @@ def test_csv_and_bop() -> None:
     entries = json.loads(result.stdout)
     assert list(entries) == ["chair", "plant"]
     assert len(entries["chair"]["symmetries_discrete"]) == len(entries["plant"]["symmetries_continuous"]) == 1
-    assert bop_key(Path("models/obj_000012.ply")) == "12"
-    assert bop_key(Path("obj_twelve.ply")) == "obj_twelve"
+    assert bop.model_id(Path("models/obj_000012.ply")) == "12"
+    assert bop.model_id(Path("obj_twelve.ply")) == "obj_twelve"
+
+
+def test_every_format_of_the_service_that_is_text_can_be_printed() -> None:
+    result = runner.invoke(app, ["detect", "--format", "shrec", str(DATA / "chair.obj")])
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[0] == "1"
+    for arguments, words in (
+        (["--format", "shrec", str(DATA / "chair.obj"), str(DATA / "plant.off")], "one mesh"),
+        (["--format", "glb", str(DATA / "chair.obj")], "table, jsonl, json, bop, csv, shrec"),
+        (["--format", "csv", "--json", str(DATA / "chair.obj")], "at most one"),
+    ):
+        result = runner.invoke(app, ["detect", *ONE, *arguments])
+        assert result.exit_code == 2
+        assert words in " ".join(result.stderr.replace("│", " ").split())
 
 
 def test_pictures_and_annotated_meshes_are_written_beside_the_table(tmp_path: Path) -> None:

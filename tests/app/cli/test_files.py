@@ -56,12 +56,12 @@ def test_equal_names_keep_their_folders_and_extensions(twice: Path, tmp_path: Pa
 
 
 def test_names_of_bop_models_are_their_numbers_until_they_collide() -> None:
-    from app.cli.batch import bop_key
+    from app.outputs import bop
 
     paths = [Path("lm/models/obj_000001.ply"), Path("lm/models/obj_000002.ply")]
-    assert list(unlike(paths, bop_key).values()) == ["1", "2"]
+    assert list(unlike(paths, bop.model_id).values()) == ["1", "2"]
     paths.append(Path("tless/models/obj_000002.ply"))
-    assert list(unlike(paths, bop_key).values()) == ["1", "lm/models/2", "tless/models/2"]
+    assert list(unlike(paths, bop.model_id).values()) == ["1", "lm/models/2", "tless/models/2"]
 
 
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:

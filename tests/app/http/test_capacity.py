@@ -75,7 +75,7 @@ async def test_work_is_bounded_even_where_the_server_does_not_end_it(
     serving: Serving, detector: FakeDetector, chair: bytes, assert_problem: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     detector.action = endless
-    async with serving(detector, workers=1) as (client, runtime):
+    async with serving(detector, workers=1, deadline_s=240.0) as (client, runtime):
         monkeypatch.setattr("app.http.handler.Job", lambda **members: Job(**(members | {"cpu_s": 0.0})))
         response = await client.post("/detect", files={"file": ("chair.obj", chair)})
         document = assert_problem(response, "deadline-passed", 504)

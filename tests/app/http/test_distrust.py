@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from app.http.openapi import _EXAMPLE_RESPONSE
 from app.http.uploads import read_upload
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from app.problems import ProblemError
 from app.settings import Settings
 from app.workers import wire
@@ -106,7 +106,7 @@ COMPLETION = {
 }  # fmt: skip
 COMPLETE = replace(JOB, task="complete", geometry="ply", max_answer_bytes=1000)
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-BODY = WRITERS["ply"].body(TRIANGLE, np.array([[0, 1, 2]], dtype=np.int32), [])
+BODY = MESH_WRITERS["ply"].body(TRIANGLE, np.array([[0, 1, 2]], dtype=np.int32), [])
 
 
 def test_an_honest_completion_passes_and_its_file_is_written_by_the_server() -> None:

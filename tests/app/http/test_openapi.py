@@ -47,9 +47,8 @@ def test_every_error_is_a_problem_with_an_example_that_obeys_the_schema(document
 def test_detect_documents_request_and_answer(document: dict[str, Any]) -> None:
     operation = document["paths"]["/detect"]["post"]
     assert set(operation["responses"]) == {"200", "400", "401", "406", "408", "413", "415", "422", "500", "503", "504"}
-    assert {parameter["name"] for parameter in operation["parameters"]} == {
-        "mode", "max_error", "level", "tolerance", "include", "format"
-    }  # fmt: skip
+    names = {parameter["name"] for parameter in operation["parameters"]}
+    assert names == {"mode", "max_error", "level", "tolerance", "include", "format"}
     assert operation["requestBody"]["content"]["multipart/form-data"]["schema"]["required"] == ["file"]
     content = operation["responses"]["200"]["content"]["application/json"]
     assert content["schema"] == {"$ref": "#/components/schemas/DetectResponse"}

@@ -1,5 +1,7 @@
 """The pages for people: policies, caching, links; the viewer's build as it is shipped."""
 
+import html
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -8,6 +10,7 @@ from typing import Any
 import pytest
 from setuptools import find_namespace_packages
 
+from model.formats import FORMATS
 from tests.app.fakes import FakeDetector, Serving
 
 pytestmark = pytest.mark.anyio
@@ -29,6 +32,19 @@ async def test_the_viewer_needs_nothing_from_elsewhere(serving: Serving, detecto
             assert not url.startswith("/")  # relative: there may be a path prefix
             assert "//" not in url
             assert (await client.get(f"/{url}")).status_code == 200
+
+
+async def test_the_viewer_is_told_the_formats(serving: Serving, detector: FakeDetector) -> None:
+    async with serving(detector) as (client, _):
+        page = await client.get("/")
+        stated = re.search(r'<meta name="formats" content="([^"]*)"', page.text)
+        assert stated
+        formats = json.loads(html.unescape(stated[1]))
+        limits = (await client.get("/model")).json()["limits"]
+        assert [format["extension"] for format in formats["read"]] == limits["formats"] == list(FORMATS)
+        document = (await client.get("/openapi.json")).json()
+        (query,) = (item for item in document["paths"]["/complete"]["post"]["parameters"] if item["name"] == "format")
+        assert formats["written"] == query["schema"]["enum"]
 
 
 async def test_caches_keep_what_never_changes_and_ask_for_the_rest(serving: Serving, detector: FakeDetector) -> None:
@@ -75,7 +91,7 @@ def test_the_wheel_has_the_built_viewer_and_not_its_sources() -> None:
     packages = find_namespace_packages(str(ROOT), **tool["packages"]["find"])
     assert "app" in packages
     assert [name for name in packages if name.startswith("app.viewer")] == []
-    assert tool["package-data"]["app"] == ["static/**"]
+    assert tool["package-data"]["app"] == ["py.typed", "static/**"]
     assert len(list((BUILT / "examples").iterdir())) >= 16
     assert "MIT" in (BUILT / "three-LICENSE.txt").read_text(encoding="utf-8")
 

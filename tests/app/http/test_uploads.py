@@ -79,9 +79,20 @@ def test_a_large_upload_goes_to_a_file_without_a_name(tmp_path: Path, spool_byte
     assert upload.file.closed
 
 
-def test_a_full_disk_is_no_defect(tmp_path: Path) -> None:
+def test_a_disk_that_cannot_be_written_to_is_no_defect(tmp_path: Path) -> None:
+    folder = tmp_path / "spool"
+    folder.mkdir()
+
+    class Unmounting(Body):
+        """The folder is there when the server starts, and gone when an upload comes."""
+
+        async def __call__(self) -> dict[str, Any]:
+            if self.taken == 0:
+                folder.rmdir()
+            return await super().__call__()
+
     chunks = [part(b"x" * 2000)[:-2], b"\r\n" + END]
-    error = refusal(Body(chunks), spool_bytes=10, spool_dir=str(tmp_path / "missing"))
+    error = refusal(Unmounting(chunks), spool_bytes=10, spool_dir=str(folder))
     assert error.problem.slug == "overloaded"
     assert error.headers["Retry-After"]
 

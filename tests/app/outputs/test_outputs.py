@@ -13,8 +13,9 @@ import trimesh
 from app.detection import MeshLimits, Options, detect_file
 from app.outputs import bop, csv_rows, glb, shrec
 from app.outputs.mesh_file import BodyError, Counts, bounds_of
-from app.outputs.meshes import WRITERS
 from app.outputs.negotiation import MEDIA_TYPES, choose
+from app.outputs.output_format import Options as OutputOptions
+from app.outputs.registry import MESH_WRITERS
 from app.schemas import DetectResponse
 from model import Detector
 from model.errors import DegenerateMeshError
@@ -22,7 +23,7 @@ from model.formats.conversion import as_mesh
 from model.meshes.mesh import Mesh
 from tests.app.fakes import DATA
 
-FORMATS = list(WRITERS)
+FORMATS = list(MESH_WRITERS)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def reread(data: bytes, kind: str) -> trimesh.Trimesh:
 
 
 def annotated(answer: DetectResponse, mesh: Mesh) -> trimesh.Scene:
-    body = WRITERS["glb"].body(mesh.vertices, mesh.faces, answer.mesh.bounds)
+    body = MESH_WRITERS["glb"].body(mesh.vertices, mesh.faces, answer.mesh.bounds)
     return trimesh.load(io.BytesIO(glb.annotated_head(answer, body) + body), file_type="glb", process=False)
 
 
@@ -72,14 +73,14 @@ def in_place(scene: trimesh.Scene, name: str) -> trimesh.Trimesh:
 )
 def test_accept(accept: str | None, format: str | None) -> None:
     choice = choose(None, accept)
-    assert (choice and choice.format) == format
-    assert choice is None or MEDIA_TYPES[choice.media_type] == format
+    assert (choice and choice.output.name) == format
+    assert choice is None or MEDIA_TYPES[choice.media_type] is choice.output
 
 
 def test_format_in_the_query_is_heard_before_accept() -> None:
     chosen = choose("csv", "image/png")
     assert chosen is not None
-    assert (chosen.format, chosen.media_type) == ("csv", "text/csv")
+    assert (chosen.output.name, chosen.media_type) == ("csv", "text/csv")
     entry = choose("bop", None)
     assert entry is not None
     assert entry.media_type == "application/json"
@@ -90,7 +91,7 @@ def test_format_in_the_query_is_heard_before_accept() -> None:
 def test_a_written_mesh_is_the_mesh(kind: Any, offset: float) -> None:
     mesh = as_mesh(DATA / "chair.obj")
     vertices = mesh.vertices + offset
-    again = reread(WRITERS[kind].file(vertices, mesh.faces), kind)
+    again = reread(MESH_WRITERS[kind].file(vertices, mesh.faces), kind)
     # Only STL has nowhere to keep the digits of a place so far away.
     precision = {"ply": 0.0, "obj": 0.0, "glb": 1e-7 + 1e-15 * offset, "stl": 1e-7 * (1.0 + offset)}[kind]
     assert np.abs(again.triangles - vertices[mesh.faces]).max() <= precision
@@ -101,10 +102,10 @@ def test_a_written_mesh_is_the_mesh(kind: Any, offset: float) -> None:
 def test_a_file_is_head_and_body_and_the_head_knows_the_size() -> None:
     mesh = as_mesh(DATA / "chair.obj")
     bounds = bounds_of(mesh.vertices, mesh.faces)
-    for kind, writer in WRITERS.items():
+    for writer in MESH_WRITERS.values():
         body = writer.body(mesh.vertices, mesh.faces, bounds)
         expected = writer.size(len(mesh.vertices), len(mesh.faces))
-        assert len(body) == expected or (kind == "obj" and len(body) <= expected)
+        assert len(body) == expected or (writer.varies and len(body) <= expected)
 
 
 def lies() -> list[Any]:
@@ -130,18 +131,18 @@ def test_a_body_that_lies_gets_no_head(kind: Any, change: Any) -> None:
     mesh = as_mesh(DATA / "chair.obj")
     bounds = bounds_of(mesh.vertices, mesh.faces)
     counts = Counts(len(mesh.vertices), len(mesh.faces), bounds)
-    body = WRITERS[kind].body(mesh.vertices, mesh.faces, bounds)
-    assert WRITERS[kind].head(counts, body)
+    body = MESH_WRITERS[kind].body(mesh.vertices, mesh.faces, bounds)
+    assert MESH_WRITERS[kind].head(counts, body)
     with pytest.raises(BodyError):
-        WRITERS[kind].head(counts, change(body))
+        MESH_WRITERS[kind].head(counts, change(body))
 
 
 def test_stl_refuses_what_it_cannot_hold_and_glb_scales_it() -> None:
     mesh = as_mesh(DATA / "chair.obj")
     vertices = mesh.vertices * 1e50
     with pytest.raises(DegenerateMeshError, match="STL"):
-        WRITERS["stl"].file(vertices, mesh.faces)
-    again = reread(WRITERS["glb"].file(vertices, mesh.faces), "glb")
+        MESH_WRITERS["stl"].file(vertices, mesh.faces)
+    again = reread(MESH_WRITERS["glb"].file(vertices, mesh.faces), "glb")
     assert np.abs(again.triangles - vertices[mesh.faces]).max() < 1e-6 * 1e50
 
 
@@ -178,7 +179,7 @@ def test_annotated_glb_has_the_mesh_and_every_element_in_its_place(name: str, an
 
 def test_glb_is_what_the_format_prescribes(answers: dict[str, Any]) -> None:
     answer, mesh = answers["vase.ply"]
-    body = WRITERS["glb"].body(mesh.vertices, mesh.faces, answer.mesh.bounds)
+    body = MESH_WRITERS["glb"].body(mesh.vertices, mesh.faces, answer.mesh.bounds)
     data = glb.annotated_head(answer, body) + body
     assert (data[:4], int.from_bytes(data[4:8], "little")) == (b"glTF", 2)
     assert int.from_bytes(data[8:12], "little") == len(data)
@@ -200,13 +201,13 @@ def test_glb_is_what_the_format_prescribes(answers: dict[str, Any]) -> None:
 def test_unused_vertices_that_are_no_numbers_do_not_reach_a_file() -> None:
     mesh = as_mesh(DATA / "chair.obj")
     vertices = np.concatenate([mesh.vertices, [[np.nan, 0, 1e300]]])
-    again = reread(WRITERS["glb"].file(vertices, mesh.faces), "glb")
+    again = reread(MESH_WRITERS["glb"].file(vertices, mesh.faces), "glb")
     assert np.isfinite(again.vertices).all()
 
 
 def test_shrec_is_what_its_evaluation_reads(answers: dict[str, Any]) -> None:
     answer = answers["vase.ply"][0]
-    lines = shrec.write(answer, 4e-4).decode().splitlines()
+    lines = shrec.write(answer, OutputOptions(4e-4)).decode().splitlines()
     assert int(lines[0]) == len(lines) - 1 == 8
     rows = np.array([line.split() for line in lines[1:]], dtype=float)
     assert rows.shape == (8, 7)
@@ -215,7 +216,7 @@ def test_shrec_is_what_its_evaluation_reads(answers: dict[str, Any]) -> None:
         assert abs(row[:3] @ row[3:6] + plane.offset) < 1e-9
     assert (np.diff(rows[:, 6]) <= 0).all()
     assert ((rows[:, 6] > 0) & (rows[:, 6] <= 1)).all()
-    assert shrec.write(answers["plant.off"][0], 4e-4) == b"0\n"
+    assert shrec.write(answers["plant.off"][0], OutputOptions(4e-4)) == b"0\n"
     assert shrec.confidence(0.0, 1e-3) == 1.0
     assert shrec.confidence(2e-3, 1e-3) == 0.0
 

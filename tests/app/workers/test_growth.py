@@ -26,7 +26,7 @@ def test_a_file_of_a_kilobyte_becomes_no_answer_of_many_megabytes(times: int, fi
     assert len(data) < 2000
     limits: dict[str, Any] = {"max_vertices": 10**7, "max_faces": 10**7, "max_nodes": 10**6, "cpu_s": 60.0}
     job = Job(
-        "many.3mf", "full", 4e-4, [], max_unpacked_bytes=1 << 20, size=len(data), place="inline", geometry="stl",
+        "many.3mf", "full", 4e-4, [], max_unpacked_bytes=1 << 20, size=len(data), transport="inline", geometry="stl",
         task="complete", plane=[1.0, 0.0, 0.0, 0.0], max_answer_bytes=1 << 28, **limits,
     )  # fmt: skip
     if fits:

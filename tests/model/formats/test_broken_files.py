@@ -14,7 +14,7 @@ from model.errors import (
     UnreadableMeshError,
     UnsupportedFormatError,
 )
-from model.formats import read_mesh
+from model.formats import FORMATS, read_mesh
 from tests.model.mesh_files import (
     BUILD,
     KINDS,
@@ -69,7 +69,7 @@ def test_anything_else_is_a_mesh_error(kind, content):
 
 @pytest.mark.parametrize("name", ["a.step", "a.fbx", "a", "a.obj.gz", ".obj", "a.mtl", ""])
 def test_unknown_extensions_list_the_known_ones(name):
-    with pytest.raises(UnsupportedFormatError, match="STL, OBJ, PLY, OFF, GLB, GLTF, 3MF"):
+    with pytest.raises(UnsupportedFormatError, match="STL, OBJ, PLY, OFF, GLB, glTF, 3MF"):
         read_mesh(b"v 0 0 0", name)
 
 
@@ -84,7 +84,7 @@ def test_a_misnamed_file_is_recognised(kind, named):
         with pytest.raises(MeshError):
             read_mesh(data, f"a.{named}")
     else:
-        with pytest.raises(UnsupportedFormatError, match=f"contains {actual.upper()}"):
+        with pytest.raises(UnsupportedFormatError, match=f"contains {FORMATS[actual].label}"):
             read_mesh(data, f"a.{named}")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.formats import SUPPORTED_FORMATS, read_mesh
+from model.formats import FORMATS, read_mesh
 from model.formats._text import as_bytes, parse_numbers
 from tests.model.mesh_files import BUILD, KINDS, XML_TETRAHEDRON, archive, export, sample
 
@@ -14,7 +14,7 @@ def test_every_format_gives_the_same_triangles(kind):
     extension = kind.split("_")[0]
     read = read_mesh(export(mesh, kind), f"Some Name.{extension.upper()}")
     assert read.source_format == extension
-    assert extension in SUPPORTED_FORMATS
+    assert extension in FORMATS
     assert np.abs(read.vertices[read.faces] - mesh.vertices[mesh.faces]).max() < 2e-6  # float32 in most formats
 
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from model.errors import MeshError
-from model.formats import SUPPORTED_FORMATS, read_mesh
+from model.formats import FORMATS, read_mesh
 from tests.model.mesh_files import KINDS, export, sample
 
 LONGER = int(os.environ.get("PRSNET_FUZZ", "1"))
@@ -64,7 +64,7 @@ def test_edits_of_a_good_file(kind: str) -> None:
     fuzz()
 
 
-@pytest.mark.parametrize("extension", SUPPORTED_FORMATS)
+@pytest.mark.parametrize("extension", FORMATS)
 def test_anything_at_all(extension: str) -> None:
     @FUZZ
     @given(st.lists(st.sampled_from(WORDS) | st.binary(max_size=30), max_size=40).map(b"".join))

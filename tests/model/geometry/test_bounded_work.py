@@ -9,7 +9,7 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import refine_planes, squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import WORK, SurfaceIndex
-from model.meshes._topology import HASH_SEED, duplicate_vertex_map
+from model.geometry.topology import HASH_SEED, duplicate_vertex_map
 
 
 def crossing(faces, vertices=120, seed=0):

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from app import align, complete, local
-from app.outputs.meshes import WRITERS
+from app.outputs.registry import MESH_WRITERS
 from model.formats import read_mesh
 from model.meshes.colors import from_linear, to_linear
 from model.meshes.mesh import Mesh
@@ -39,7 +39,7 @@ def test_colours_survive_a_round_trip(kind: str) -> None:
     colors = rng.integers(0, 256, (len(mesh.vertices), 4)).astype(np.uint8)
     if kind == "obj":
         colors[:, 3] = 255
-    data = WRITERS[kind].file(mesh.vertices, mesh.faces, colors)
+    data = MESH_WRITERS[kind].file(mesh.vertices, mesh.faces, colors)
     read = read_mesh(data, f"a.{kind}")
     assert read.colors is not None
     assert np.array_equal(read.colors, colors)
@@ -48,10 +48,12 @@ def test_colours_survive_a_round_trip(kind: str) -> None:
 
 def test_stl_and_meshes_without_colours_are_written_as_before() -> None:
     mesh = painted()
-    assert WRITERS["stl"].file(mesh.vertices, mesh.faces, mesh.colors) == WRITERS["stl"].file(mesh.vertices, mesh.faces)
+    assert MESH_WRITERS["stl"].file(mesh.vertices, mesh.faces, mesh.colors) == MESH_WRITERS["stl"].file(
+        mesh.vertices, mesh.faces
+    )
     for kind in ("ply", "obj"):
-        assert read_mesh(WRITERS[kind].file(mesh.vertices, mesh.faces), f"a.{kind}").colors is None
-    grey = read_mesh(WRITERS["glb"].file(mesh.vertices, mesh.faces), "a.glb").colors  # of the material
+        assert read_mesh(MESH_WRITERS[kind].file(mesh.vertices, mesh.faces), f"a.{kind}").colors is None
+    grey = read_mesh(MESH_WRITERS["glb"].file(mesh.vertices, mesh.faces), "a.glb").colors  # of the material
     assert grey is not None
     assert len(np.unique(grey, axis=0)) == 1
 
@@ -59,7 +61,7 @@ def test_stl_and_meshes_without_colours_are_written_as_before() -> None:
 def test_other_programs_see_the_same_colours(tmp_path) -> None:
     mesh = painted()
     for kind in ("ply", "obj"):
-        (tmp_path / f"a.{kind}").write_bytes(WRITERS[kind].file(mesh.vertices, mesh.faces, mesh.colors))
+        (tmp_path / f"a.{kind}").write_bytes(MESH_WRITERS[kind].file(mesh.vertices, mesh.faces, mesh.colors))
         there = trimesh.load(tmp_path / f"a.{kind}", force="mesh", process=False)
         assert np.unique(there.visual.vertex_colors, axis=0).tolist() == [BLUE, RED]
 

@@ -40,13 +40,20 @@ def test_names_and_elements_of_all_groups_in_any_frame(name: str):
 def test_members_that_are_a_little_off_close_all_the_same():
     rng = np.random.default_rng(1)
     matrices = group_matrices("Oh")
+    chosen = matrices[rng.permutation(len(matrices))[:5]]
+    exact = closure.closure(chosen)
+    assert exact is not None
+    assert len(exact) > len(chosen)
     wobbly = []
-    for matrix in matrices[rng.permutation(len(matrices))[:5]]:
+    for matrix in chosen:
         left, _, right = np.linalg.svd(matrix + 1e-3 * rng.normal(size=(3, 3)))
         wobbly.append(left @ right)
     group = closure.closure(np.stack(wobbly))
     assert group is not None
-    assert len(group) <= len(matrices)
+    assert len(group) == len(exact)
+    distances = np.abs(group[:, None] - exact[None]).max((2, 3))
+    assert distances.min(1).max() < 0.02
+    assert distances.min(0).max() < 0.02
 
 
 def test_rotations_that_fit_no_finite_group_are_given_up():

@@ -145,8 +145,11 @@ def test_nearly_spherical_and_nearly_square_shapes_give_no_swarm(detector: Detec
 
 @pytest.mark.parametrize("name", ["chair", "orbit", "gear", "pyramid", "vase"])
 def test_everything_returned_holds_on_fresh_samples(detector: Detector, name: str):
-    mesh = moved(as_mesh(known(name, 1)), *pose(3))
+    shape = known(name, 1)
+    mesh = moved(as_mesh(shape), *pose(3))
     detection = detector.detect(mesh)
+    assert detection.point_group == shape.point_group
+    assert detection.planes or detection.axes
     for element in [*detection.planes, *[axis for axis in detection.axes if axis.matrix is not None]]:
         error = fresh_error(mesh, element.matrix)
         assert error < MAX_ERROR

@@ -117,7 +117,7 @@ def test_abc_chunks(tmp_path: Path, chunks: tuple[str, ...]):
     assert found[0].name.startswith("/".join(filter(None, ("abc", chunks[0], "00000000", "00000000_290a"))))
     # A folder of its own for each model is no category.
     assert {(source.source, source.category, source.split) for source in found} == {("ABC", "", "")}
-    with pytest.raises(ValueError, match="no mesh below the folders given is said to be of the split 'train'"):
+    with pytest.raises(ValueError, match="no mesh below the given folders belongs to the split 'train'"):
         find_meshes([root], split="train")
     assert prepared_sizes(root, tmp_path / "out") == {(8, 12)}
 

@@ -78,7 +78,7 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     with (tmp_path / "one" / "curve.csv").open() as lines, (tmp_path / "two" / "curve.csv").open() as others:
         last, rows = list(csv.DictReader(lines))[-1], list(csv.DictReader(others))
     assert [row["step"] for row in rows] == ["6"]
-    for key in ("loss", "best_plane", "gradient_norm", "turn", "half_turn", "validation_loss"):
+    for key in ("loss", "best_plane", "gradient_norm", "normal_std", "rotation_sine", "validation_loss"):
         assert float(rows[0][key]) == pytest.approx(float(last[key]), rel=2e-3, abs=1e-6), key
     assert "2 process(es)" in (tmp_path / "two" / "log.txt").read_text()
     # And it is the same run: one process finds nothing left to do in the folder of two.

@@ -60,8 +60,8 @@ def test_a_minute_of_training_beats_the_initial_planes(prepared: PreparedSet, tm
     assert after["validation_loss"] < before["validation_loss"]
     row = curve(run)[-1]
     # The heads have left their initial values and follow the input; the rotations have not collapsed.
-    assert float(row["turn"]) > 0.1
-    assert float(row["half_turn"]) > 0.7
+    assert float(row["normal_std"]) > 0.1
+    assert float(row["rotation_sine"]) > 0.7
 
 
 def test_an_interrupted_run_ends_bit_for_bit_the_same(prepared: PreparedSet, tmp_path: Path):

@@ -1,4 +1,4 @@
-"""Edges of a mesh: which ones are open, and whether the surface is closed."""
+"""Connectivity of a mesh: duplicate vertices, which edges are open, whether the surface is closed."""
 
 import os
 

@@ -1,0 +1,106 @@
+"""The queries of the service's endpoints."""
+
+import math
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
+
+from app.outputs.registry import DETECT_OUTPUTS, MESH_WRITERS
+from app.schemas import Include, LevelName, Mode, Schema
+
+if TYPE_CHECKING:  # a type checker cannot read the names out of the records
+    _DetectFormat: TypeAlias = str
+    _MeshFormat: TypeAlias = str
+else:
+    _DetectFormat = Literal[tuple(DETECT_OUTPUTS)]
+    _MeshFormat = Literal[tuple(MESH_WRITERS)]
+
+
+class DetectQuery(Schema):
+    """Options of ``POST /detect``."""
+
+    mode: Mode = Field(
+        default="full",
+        description="`full`: all symmetries, refined. `paper`: the network's output, validated as there.",
+    )
+    max_error: float = Field(
+        default=4e-4,
+        gt=0,
+        le=1,
+        description="Largest symmetry error of a result, unit frame (the paper's threshold).",
+    )
+    level: LevelName = Field(
+        default="auto",
+        description="Of the groups that hold, which one is answered with: `auto`, the one with the most room above it; "
+        "`exact`, the largest that holds everywhere up to what the file promises. Full mode only.",
+    )
+    tolerance: float | None = Field(
+        default=None,
+        gt=0,
+        le=1e60,
+        description="Instead of a level: the largest group within this RMS deviation, input units. Full mode only.",
+    )
+    include: list[Include] = Field(
+        default=[], description="Also return rejected candidates, or the result as BOP JSON. Repeatable."
+    )
+    format: _DetectFormat | None = Field(
+        default=None,
+        description="What to answer with; without it the header Accept decides, and without both it is JSON.",
+    )
+
+
+class CompleteQuery(Schema):
+    """Options of ``POST /complete``."""
+
+    format: _MeshFormat = Field(default="ply", description="File format of the completed mesh.")
+    normal: str | None = Field(
+        default=None,
+        max_length=200,
+        description="The plane to mirror at, as x,y,z of any length, with `offset`. Default: the best plane detected.",
+        examples=["1,0,0"],
+    )
+    offset: float | None = Field(
+        default=None, ge=-1e60, le=1e60, description="The plane is normal·x + offset = 0 in input coordinates."
+    )
+    symmetrize: bool = Field(default=False, description="Also average both halves, so that they become equal.")
+    max_error: float = Field(
+        default=4e-4,
+        gt=0,
+        le=1,
+        description="Largest symmetry error of a plane that is detected; a damaged mesh may need more.",
+    )
+
+    @field_validator("normal")
+    @classmethod
+    def _three_numbers(cls, value: str | None) -> str | None:
+        if value is not None:
+            _direction(value)
+        return value
+
+    @field_validator("offset")
+    @classmethod
+    def _with_normal(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and info.data.get("normal", "") is None:
+            raise PydanticCustomError("alone", "needs normal as well")
+        return value
+
+    @property
+    def plane(self) -> list[float] | None:
+        """Unit normal and offset, or None where the plane is to be detected."""
+        if self.normal is None:
+            return None
+        vector = _direction(self.normal)
+        length = math.hypot(*vector)
+        return [*(x / length for x in vector), (self.offset or 0.0) / length]
+
+
+def _direction(text: str) -> list[float]:
+    parts = text.split(",")
+    try:
+        vector = [float(part) for part in parts]
+    except ValueError:
+        raise PydanticCustomError("direction", "should be three numbers, as in 1,0,0") from None
+    if len(vector) != 3 or not 1e-60 < math.hypot(*vector) < 1e60:
+        raise PydanticCustomError("direction", "should be three numbers that are not all zero, as in 1,0,0")
+    return vector
