@@ -168,7 +168,7 @@ def _refined(
         _LARGEST_TURN,
         _LARGEST_SHIFT,
         step_tolerance,
-        _ROUGHLY,
+        0.0 if quantile is None else _ROUGHLY,
         *surface.tree,
     )
     surface.require_work()

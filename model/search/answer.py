@@ -15,7 +15,7 @@ from model.search.levels import choose
 from model.symmetries import Candidate, FoundAxis, FoundPlane, Level, Symmetries
 from model.types import FloatArray
 
-_ENOUGH_FLAT = 0.3
+_ENOUGH_FLAT, _EVERY_WAY = 0.3, 0.01
 
 _MANY, _FEWEST = 3, 200
 """Beyond so many elements each is measured on fewer samples, the group being its own proof, but on so many at least."""
@@ -107,13 +107,15 @@ def _judge(context: SearchContext, level: Hypothesis, samples: SurfaceSamples, t
 
 
 def _telling_points(context: SearchContext) -> FloatArray:
-    """What the frame is settled on: samples of flat faces, if there are enough, else all.
+    """What the frame is settled on: samples of flat faces, if there are enough looking every way, else all.
 
     Facets of a curved surface are drawn anywhere along it; flat faces are where they are meant to be.
     """
     samples = context.samples
-    flat = samples.points[context.meter.facets.is_flat(samples.owners)]
-    return flat if len(flat) >= _ENOUGH_FLAT * len(samples) else context.points(1)
+    flat = context.meter.facets.is_flat(samples.owners)
+    normals = samples.normals[flat]
+    every_way = len(normals) > 0 and float(np.linalg.eigvalsh(normals.T @ normals)[0]) > _EVERY_WAY * len(normals)
+    return samples.points[flat] if every_way and flat.mean() >= _ENOUGH_FLAT else context.points(1)
 
 
 def _add_elements(judged: _Judged, result: Symmetries) -> None:

@@ -16,7 +16,7 @@ _MEASUREMENTS = 1000
 """Distances a hypothesis costs: of more operations each is measured on fewer samples."""
 
 _CLOSE_SCALE, _EXACT_SCALE = 0.02, 1e-7
-_EXACT_DISTANCE = 1e-6
+_EXACT_DISTANCE, _AS_GOOD = 1e-6, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,9 +168,9 @@ class Hypothesis:
             trust_rms=False,
             step_tolerance=1e-14,
         )
-        settled = Hypothesis(self.group, frame, centre, missing=self.missing)
+        settled = Hypothesis(self.group, frame, centre, missing=self.missing).measured(context)
         better = settled._exact_share(context, points) > self._exact_share(context, points)
-        return settled.measured(context) if better else self
+        return settled if better and settled.rms <= _AS_GOOD * self.rms + _EXACT_DISTANCE else self
 
     def _exact_share(self, context: SearchContext, points: FloatArray) -> float:
         """How many of some points ``(n, 3)`` the operations take to the surface as exactly as a file can say."""

@@ -58,8 +58,9 @@ class Ladder:
             tolerance = min(precision, limit)
             batch = order[(rms[order] <= tolerance) & (rms[order] > done)]
             grown = [self._add(candidates[[int(index)]], tolerance) for index in batch]
-            # What an exact group suggests is exact, too, or a candidate by itself.
-            if any(grown) or self._group.name == "C1" or self._group.rms > settings.file_precision:
+            # Beyond modelling precision, what an exact group suggests is a candidate by itself.
+            exact = self._group.name != "C1" and self._group.rms <= settings.file_precision
+            if any(grown) or not exact or precision <= settings.modelling_precision:
                 self._extend(tolerance)
             done = tolerance
             self._note()
@@ -101,7 +102,7 @@ class Ladder:
             return False
         name, frame = identify(grown, angle)
         members = Operations.joined([group.generators, operation])
-        centre = common_point(members, group.centre if len(group.generators) else self._context.centre)
+        centre = common_point(members, group.centre)
         if distances_from(members, centre).max() > settings.same_distance:
             return False
         return self._try(Hypothesis(point_group(name), frame, centre), tolerance)

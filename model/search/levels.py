@@ -120,8 +120,10 @@ def with_round(
         turning = [rung for rung in rungs if _turns_about(rung, levels[-1])]
         if not turning and len(levels) < len(continuous):
             break  # it is no sphere, and the lines it is nearly round about are no axes of what it is
-        if not turning or not against_round(context, turning[-1], levels[-1]):
-            return [*(rung for rung in rungs if rung not in turning), *levels]
+        distinct = [rung for rung in turning if against_round(context, rung, levels[-1])]
+        rungs = [rung for rung in rungs if rung not in turning or rung in distinct]
+        if not distinct:
+            return [*rungs, *levels]
         levels = levels[:-1] if levels[-1].name == "Kh" else []
     return list(rungs)
 
