@@ -14,7 +14,7 @@ BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install -qq -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url "$(TORCH_INDEX)")
 
 .DEFAULT_GOAL := help
-.PHONY: help serve test check format bench soak audit image train docs viewer viewer-check lock clean
+.PHONY: help serve test check format bench soak cluster audit image train docs viewer viewer-check lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -37,8 +37,11 @@ bench: $(VENV)/.dev ## measure latency and throughput of POST /detect over loopb
 	@$(BIN)/python benchmarks/detect_http.py $(ARGS)
 
 soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
-	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/test_fuzz_readers.py --timeout 3600
+	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
 	@for part in hostile load health attacks chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
+
+cluster: $(VENV)/.dev ## the tests of bulk detection that start Ray on several nodes (minutes, on an idle machine)
+	@PRSNET_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs -n 0 --timeout 900
 
 audit: $(VENV)/.dev ## known vulnerabilities of the pinned dependencies
 	@$(BIN)/python .ci/audit.py

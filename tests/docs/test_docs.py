@@ -16,6 +16,8 @@ from docs.http_reference import reference
 from ..e2e.server import ROOT, Server, running
 
 PAGES = ["index.md", "concepts.md", "recipes.md", "bulk.md", "operating.md", "http.md"]
+SLOW = {"bulk.md"}
+"""A page that starts Ray, which takes a minute and does not start on a busy machine: `make cluster` runs it."""
 WRITTEN_IN = "http://127.0.0.1:8000"
 _BLOCK = re.compile(
     r"(?P<skip><!-- not run: .+ -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
@@ -37,6 +39,8 @@ def blocks(page: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_of_code_runs(page: str, server: Server, tmp_path: Path) -> None:
     """The blocks of a page are run one after the other, as a reader would, in a folder with the test meshes."""
+    if page in SLOW and "PRSNET_CLUSTER" not in os.environ:
+        pytest.skip("starts Ray: make cluster runs it")
     for path in (ROOT / "tests" / "data").iterdir():
         shutil.copy(path, tmp_path)
     shutil.copy(tmp_path / "barrel.stl", tmp_path / "part.stl")
