@@ -3,7 +3,7 @@
  * (unit = (input - center) / scale, as the answer's `frame` says).
  */
 
-import type { DetectResult, Matrix, Reason, Vector } from "./result";
+import type { DetectResult, Matrix, Reason, RejectedResult, SimilarResult, Vector } from "./result";
 import { dot, scaled, subtract } from "./vector";
 
 export type ItemKind = "plane" | "axis";
@@ -24,8 +24,8 @@ export interface Item {
   error: number;
   /** Input units. */
   rms: number;
-  /** Why it was turned down; null for a result. */
-  reason: Reason | null;
+  /** Why it is not among the results; null for a result. */
+  reason: Reason | "similar" | null;
   /** The reflection or rotation in the unit frame: 12 numbers, three rows. */
   transform: number[];
 }
@@ -33,7 +33,7 @@ export interface Item {
 /** Of a continuous axis every angle is a symmetry: this one (the golden angle) avoids all small orders. */
 export const CONTINUOUS_ANGLE = Math.PI * (3 - Math.sqrt(5));
 
-/** All results, planes first, then what was turned down. */
+/** All results, planes first, then what is similar, then what was turned down. */
 export function itemsOf(result: DetectResult): Item[] {
   const { center, scale } = result.frame;
   const toUnit = (point: Vector): Vector => scaled(subtract(point, center), 1 / scale);
@@ -65,25 +65,28 @@ export function itemsOf(result: DetectResult): Item[] {
         : rotation(axis.direction, point, CONTINUOUS_ANGLE),
     });
   });
-  (result.rejected ?? []).forEach((entry, index) => {
-    const isPlane = entry.kind === "plane";
-    const direction = isPlane ? entry.normal : entry.direction;
-    const point = toUnit(isPlane ? onPlane(entry.normal, entry.offset, center) : entry.point);
-    items.push({
-      id: `rejected ${index}`,
-      kind: entry.kind,
-      name: `Candidate ${index + 1}`,
-      direction,
-      point,
-      order: null,
-      continuous: false,
-      exact: false,
-      error: entry.symmetry_error,
-      rms: Math.sqrt(entry.symmetry_error) * scale,
-      reason: entry.reason,
-      transform: isPlane ? reflection(direction, point) : rotation(direction, point, CONTINUOUS_ANGLE),
+  const others = (entries: (SimilarResult | RejectedResult)[], id: string) =>
+    entries.forEach((entry, index) => {
+      const isPlane = entry.kind === "plane";
+      const direction = isPlane ? entry.normal : entry.direction;
+      const point = toUnit(isPlane ? onPlane(entry.normal, entry.offset, center) : entry.point);
+      items.push({
+        id: `${id} ${index}`,
+        kind: entry.kind,
+        name: `Candidate ${index + 1}`,
+        direction,
+        point,
+        order: null,
+        continuous: false,
+        exact: false,
+        error: entry.symmetry_error,
+        rms: Math.sqrt(entry.symmetry_error) * scale,
+        reason: "reason" in entry ? entry.reason : "similar",
+        transform: isPlane ? reflection(direction, point) : rotation(direction, point, CONTINUOUS_ANGLE),
+      });
     });
-  });
+  others(result.similar ?? [], "similar");
+  others(result.rejected ?? [], "rejected");
   return items;
 }
 

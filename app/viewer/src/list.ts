@@ -1,19 +1,33 @@
-/** Planes, axes and rejected candidates as lists of buttons that answer to the picture, and it to them. */
+/** Planes, axes, similar and rejected candidates as lists of buttons that answer to the picture, and it to them. */
 
 import { errorColor } from "./colors";
 import { h } from "./dom";
 import { short, vector } from "./format";
 import { icon } from "./icons";
 import type { Item } from "./items";
-import type { AxisResult, PlaneResult, Reason } from "./result";
+import type { AxisResult, PlaneResult } from "./result";
 import { accepted, type State, type Store } from "./store";
 
-const REASONS: Record<Reason, string> = {
+const REASONS: Record<NonNullable<Item["reason"]>, string> = {
   not_symmetric: "its error is over the largest allowed",
   duplicate: "the same as a better one, or too near to it",
+  similar: "it holds roughly, but belongs to no group with the others",
   not_continuous: "one turn holds, but not every angle",
-  look_alike: "others near it would do as well; the shape is only round, thin or a lump",
 };
+
+/** What is listed apart from the results: title, explanation, and which items. */
+const OTHERS: [string, string, (item: Item) => boolean][] = [
+  [
+    "Similar",
+    "Within the largest error, but in no group with the results. Choose one to see it.",
+    (item) => item.reason === "similar",
+  ],
+  [
+    "Rejected candidates",
+    "Proposed on the way and turned down. Choose one to see it.",
+    (item) => item.reason !== "similar",
+  ],
+];
 
 interface Row {
   item: Item;
@@ -40,9 +54,11 @@ export function lists(store: Store): Lists {
     rows.push(...own);
     elements.push(section(title, own, store));
   }
-  const rejected = state.items.filter((item) => item.reason !== null).map((item) => row(item, store));
-  rows.push(...rejected);
-  if (rejected.length > 0) elements.push(rejectedSection(rejected));
+  for (const [title, text, isIn] of OTHERS) {
+    const own = state.items.filter((item) => item.reason && isIn(item)).map((item) => row(item, store));
+    rows.push(...own);
+    if (own.length > 0) elements.push(otherSection(title, text, own));
+  }
   return { elements, update: (now) => rows.forEach((each) => show(each, now)) };
 }
 
@@ -63,12 +79,12 @@ function section(title: string, rows: Row[], store: Store): HTMLElement {
   );
 }
 
-function rejectedSection(rows: Row[]): HTMLElement {
+function otherSection(title: string, text: string, rows: Row[]): HTMLElement {
   return h(
     "details",
     { class: "results rejected" },
-    h("summary", {}, "Rejected candidates", h("span", { class: "count" }, String(rows.length))),
-    h("p", { class: "muted small" }, "Proposed on the way and turned down. Choose one to see it."),
+    h("summary", {}, title, h("span", { class: "count" }, String(rows.length))),
+    h("p", { class: "muted small" }, text),
     h("ul", {}, ...rows.map(({ element }) => element)),
   );
 }
@@ -147,6 +163,7 @@ function numbers(item: Item, state: State): HTMLElement {
 /** The entry of the answer that an item stands for. */
 export function sourceOf(item: Item, state: State) {
   const index = Number(item.id.split(" ")[1]);
+  if (item.reason === "similar") return state.result?.similar?.[index];
   if (item.reason) return state.result?.rejected?.[index];
   const list: (PlaneResult | AxisResult)[] | undefined =
     item.kind === "plane" ? state.result?.planes : state.result?.axes;

@@ -3,6 +3,7 @@
 import { controls } from "./controls";
 import { byId, h } from "./dom";
 import { exports } from "./exports";
+import { levels } from "./levels";
 import { lists, type Lists } from "./list";
 import type { Session } from "./session";
 import type { Say } from "./status";
@@ -30,7 +31,7 @@ export function attachPanel(store: Store, session: Session, say: Say): void {
       shown = lists(store);
       head.replaceChildren(...[summary(result), warnings(result)].filter((part) => part !== null));
       results.replaceChildren(...shown.elements);
-      foot.replaceChildren(facts(result));
+      foot.replaceChildren(...[levels(result), facts(result)].filter((part) => part !== null));
     }
     shown.update(state);
     takeAway.update(state);

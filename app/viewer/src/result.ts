@@ -8,6 +8,10 @@ export type Mode = "full" | "paper";
 interface Measured {
   symmetry_error: number;
   rms_distance: number;
+  /** Largest deviation seen, features included, input units. */
+  max_distance: number;
+  /** Share of the surface whose counterpart is there and fits. */
+  coverage: number;
   exact: boolean;
   continuous: boolean;
 }
@@ -26,11 +30,40 @@ export interface AxisResult extends Measured {
   matrix: Matrix | null;
 }
 
-export type Reason = "not_symmetric" | "duplicate" | "not_continuous" | "look_alike";
+export type Reason = "not_symmetric" | "duplicate" | "not_continuous";
 
 export type RejectedResult =
   | { kind: "plane"; normal: Vector; offset: number; symmetry_error: number; reason: Reason }
   | { kind: "axis"; direction: Vector; point: Vector; symmetry_error: number; reason: Reason };
+
+/** Holds within the largest error, but belongs to no group. */
+export type SimilarResult =
+  | { kind: "plane"; normal: Vector; offset: number; symmetry_error: number }
+  | { kind: "axis"; direction: Vector; point: Vector; symmetry_error: number };
+
+/** A part of the surface that breaks a symmetry. */
+export interface Patch {
+  center: Vector;
+  size: number;
+  max_distance: number;
+  /** Something stands there without a counterpart; else something is missing there. */
+  present: boolean;
+}
+
+/** A group that holds at some tolerance; planes and axes of the answer are those of the chosen one. */
+export interface Level {
+  point_group: string;
+  planes: number;
+  axes: number;
+  /** The tolerance it needs, input units. */
+  rms_distance: number;
+  next_rms_distance: number | null;
+  missing: number;
+  /** Null where it was not tested. */
+  exact: boolean | null;
+  chosen: boolean;
+  breaks: Patch[];
+}
 
 export interface DetectResult {
   planes: PlaneResult[];
@@ -48,6 +81,9 @@ export interface DetectResult {
   model: { name: string; version: string; sha256: string };
   timings_ms: Record<string, number>;
   warnings: string[];
+  /** Empty in paper mode. */
+  levels?: Level[];
+  similar?: SimilarResult[];
   rejected?: RejectedResult[];
   bop?: unknown;
 }

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readAnnotated } from "../src/glb";
 import { itemsOf, reflection, rotation, transformToUnit } from "../src/items";
-import type { DetectResult, Vector } from "../src/result";
+import { levelWords, patchWords } from "../src/levels";
+import type { DetectResult, Level, Vector } from "../src/result";
 import { across, dot, length } from "../src/vector";
 
 const RESULT = {
@@ -36,6 +37,7 @@ const RESULT = {
     },
   ],
   frame: { coordinates: "input", units: null, center: [30, 5, 7], scale: 4 },
+  similar: [{ kind: "axis", direction: [1, 0, 0], point: [30, 5, 9], symmetry_error: 1 }],
   rejected: [{ kind: "plane", normal: [0, 1, 0], offset: -9, symmetry_error: 4, reason: "not_symmetric" }],
 } as unknown as DetectResult;
 
@@ -105,13 +107,38 @@ test("an answer that is something else is refused", () => {
 });
 
 test("items lie in the unit frame", () => {
-  const [plane, axis, rejected] = itemsOf(RESULT);
+  const [plane, axis, similar, rejected] = itemsOf(RESULT);
   near(plane.point, [0, 0, 0]);
   near(apply(plane.transform, [0.25, 0.1, 0.2]), [-0.25, 0.1, 0.2]);
   assert.equal(axis.order, null);
   near(apply(axis.transform, [0, 0, 0.3]), [0, 0, 0.3]);
   assert.deepEqual([rejected.id, rejected.reason, rejected.rms], ["rejected 0", "not_symmetric", 8]);
   near(rejected.point, [0, 1, 0]);
+  assert.deepEqual(
+    [similar.id, similar.kind, similar.reason, similar.rms],
+    ["similar 0", "axis", "similar", 4],
+  );
+  near(similar.point, [0, 0, 0.5]);
+});
+
+test("levels and what breaks them are told in words", () => {
+  const patch = { center: [1, 2, 3] as Vector, size: 2, max_distance: 0.5, present: true };
+  const level: Level = {
+    point_group: "C4v",
+    planes: 4,
+    axes: 1,
+    rms_distance: 0.25,
+    next_rms_distance: null,
+    missing: 0,
+    exact: true,
+    chosen: true,
+    breaks: [patch],
+  };
+  const metric = { ...RESULT, frame: { ...RESULT.frame, units: "millimeter" } };
+  assert.equal(levelWords(level, metric), "rms 0.25 mm, exact, chosen");
+  assert.equal(levelWords({ ...level, exact: null, chosen: false }, RESULT), "rms 0.25");
+  assert.equal(patchWords(patch, metric), "without counterpart at (1, 2, 3), off by 0.5 mm");
+  assert.equal(patchWords({ ...patch, present: false }, RESULT), "missing at (1, 2, 3), off by 0.5");
 });
 
 test("transforms keep their plane or axis, and mirror or turn the rest", () => {
