@@ -233,6 +233,26 @@ def test_paper_mode(at_home: Visit, server: Server) -> None:
     expect(at_home.page.locator(".results:not(.rejected) .row")).to_have_count(9)
 
 
+def test_levels_say_where_the_chosen_one_does_not_hold(at_home: Visit) -> None:
+    at_home.choose("Damaged table")
+    levels = at_home.page.get_by_role("region", name="Levels")
+    expect(levels.locator("dt")).to_have_text(["C2v"])
+    expect(levels.locator("dd")).to_contain_text("chosen")
+    expect(levels.locator("li")).to_have_count(1)
+    expect(levels.locator("li")).to_contain_text("missing at (0.59")  # the corner
+    at_home.page.get_by_text("Paper", exact=True).click()
+    expect(levels).to_have_count(0)
+
+
+def test_similar_elements_are_listed_apart_and_can_be_looked_at(at_home: Visit) -> None:
+    at_home.choose("Propeller")
+    expect(at_home.page.get_by_role("heading", name="Point group C5")).to_be_visible()
+    at_home.page.locator("summary", has_text="Similar").click()
+    at_home.page.locator(".rejected .pick", has_text="belongs to no group").first.click()
+    at_home.page.mouse.move(0, 0)
+    assert "similar 0" in at_home.shown()
+
+
 def test_the_largest_error_is_chosen_on_a_logarithmic_scale(at_home: Visit) -> None:
     at_home.choose("Plant")
     slider = at_home.page.get_by_label("Largest error")
