@@ -106,15 +106,15 @@ class DeviationMeter:
         self._vertices, self._faces = vertices, faces
         self.facets = Facets(vertices, faces)
         self._open = open_edges(vertices, faces)
-        self._closed = not self._open.any()
+        self.closed = not self._open.any()
         self._near_squared = near * near
-        self._one_sided = not self._closed and _mean_normal(vertices, faces) > _ONE_SIDED
+        self._one_sided = not self.closed and _mean_normal(vertices, faces) > _ONE_SIDED
 
     def measure(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         """Deviations of k operations at n samples of the surface."""
         squared = squared_distances(self.surface, samples.points, operations)
         missing = np.zeros(squared.shape, dtype=np.bool_)
-        if not self._closed:
+        if not self.closed:
             # Where hardly any image lies near the surface, no missing part is to blame.
             plausible = np.quantile(squared, _PLAUSIBLE_SHARE, axis=1) <= _PLAUSIBLE_DISTANCE**2
             far = (squared > self._near_squared) & plausible[:, None]

@@ -166,7 +166,8 @@ class Ladder:
         scores = context.scores(starts)
         best = int(np.argmin(scores))
         precise = tolerance <= context.settings.modelling_precision
-        if scores[best] > (context.settings.promising_exact if precise else context.settings.promising_axis):
+        whole = precise or context.meter.closed
+        if scores[best] > (context.settings.promising_exact if whole else context.settings.promising_axis):
             return False
         direction, point = line, group.centre
         samples = context.samples.every(3) if precise else context.judging

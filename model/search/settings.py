@@ -39,7 +39,7 @@ class SearchSettings:
         tilt_factor: ... which must be so many times worse, squared; else the shape is a lump and others would do too.
         most_planes, most_axes: local minima of the scan that are refined.
         promising_plane, promising_axis: scores of the scan, squared voxels, above which nothing is refined ...
-        promising_exact: ... and above which no rotation is exact.
+        promising_exact: ... and above which no rotation is a symmetry if nothing is missing.
     """
 
     refine_samples: int = 240
