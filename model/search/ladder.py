@@ -115,8 +115,28 @@ class Ladder:
         fitted = measured.fitted(self._context)
         if not self._believed(fitted) or fitted.rms > tolerance:
             return False
+        # The first rough symmetry has no other to bear it out: it must not be one of many that do as well.
+        rough = self._group.name == "C1" and fitted.rms > self._context.settings.feature_precision
+        if rough and not self._is_distinct(fitted):
+            return False
         self._group = fitted
         return True
+
+    def _is_distinct(self, hypothesis: Hypothesis) -> bool:
+        """Whether the group fits distinctly better than the same one tilted, either way: else the shape is a lump."""
+        context, element = self._context, hypothesis.generators[[0]]
+        if element.improper[0] and element.angles[0] > 3.0:
+            return True  # an inversion has no direction to tilt
+        first, second, _ = frame_of(element.directions[0], element.directions[0])
+        lines = np.stack([first, second, (first + second) * 0.5**0.5, (first - second) * 0.5**0.5])
+        turns = context.settings.tilt * np.concatenate([lines, -lines])
+        tilted = element[[0] * len(turns)]
+        directions = tilted.moved(turns, np.zeros_like(turns)).directions
+        tilted = Operations(directions, tilted.points, tilted.angles, tilted.improper)
+        both = Operations.joined([element, tilted])
+        cut = context.settings.truncation**2
+        squared = np.minimum(context.meter.measure(both, context.judging).squared, cut).mean(1)
+        return bool(squared[1:].min() > context.settings.tilt_factor * squared[0])
 
     def _believed(self, hypothesis: Hypothesis) -> bool:
         settings = self._context.settings
