@@ -16,6 +16,7 @@ from model.search.axis_order import rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
+from model.search.supergroups import supergroups
 from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
@@ -271,7 +272,7 @@ class Ladder:
         """Larger groups that the one so far may be a part of, the likeliest first."""
         group = self._group
         name, order = group.name, group.group.principal_order
-        for larger, frame in _supergroups(name, order, group.frame):
+        for larger, frame in supergroups(name, order, group.frame):
             key = (larger, name, order, *np.round(frame, 2).ravel().tolist())
             if self._failed.get(key, -1.0) >= tolerance:
                 continue
@@ -318,64 +319,6 @@ class Ladder:
                 else:
                     name = f"D{order}d" if group.name[0] == "S" else f"D{order}"
                 yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre)
-
-
-def _supergroups(name: str, order: int, frame: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """Groups that hold one with this name and, in this frame or one along the same lines, what it holds."""
-    if name == "C1":
-        yield "Ci", frame
-        return
-    if name[0] in "TOI":
-        larger = {"T": ("Td", "Th", "O"), "Td": ("Oh",), "Th": ("Oh",), "O": ("Oh",), "I": ("Ih",)}
-        for symbol in larger.get(name, ()):
-            yield symbol, frame
-        return
-    if order < 2:
-        return
-    if name[0] == "C" and name[-1].isdigit():
-        yield f"C{order}h", frame
-        yield f"S{2 * order}", frame
-    if name.endswith("v"):
-        yield f"D{order}h", frame_of(frame[2], frame[1])
-        angle = np.pi / (2.0 * order)
-        side = np.cross(frame[0], frame[2])
-        yield f"D{order}d", frame_of(frame[2], np.cos(angle) * side + np.sin(angle) * np.cross(frame[2], side))
-    if name == f"D{order}":
-        yield f"D{order}h", frame
-        for axes in (frame, frame[[1, 2, 0]], frame[[2, 0, 1]]) if order == 2 else (frame,):
-            yield f"D{order}d", axes
-    if name in ("D2", "D2h", "D2d", "D4", "D4h"):
-        turned = np.stack([frame[0] + frame[1], frame[1] - frame[0], np.sqrt(2.0) * frame[2]]) / np.sqrt(2.0)
-        for axes in (frame, turned) if name != "D2h" else (frame,):
-            yield from ((symbol, axes) for symbol in ("Oh", "Td", "Th", "O", "T"))
-    if order == 3 and name in _ALONG_DIAGONALS:
-        for axes in _diagonal_frames(frame[2], frame[0]):
-            yield _ALONG_DIAGONALS[name], axes
-    if order == 5 and name in _ALONG_FIVE_FOLD:
-        for side in (1.0, -1.0):
-            yield _ALONG_FIVE_FOLD[name], _five_fold_frame(frame[2], side * frame[0])
-
-
-_ALONG_DIAGONALS = {"C3v": "Td", "D3": "O", "D3d": "Oh"}
-"""The cubic group that has one with a three-fold axis along the diagonals of its cube."""
-
-_ALONG_FIVE_FOLD = {"C5v": "Ih", "D5": "I", "D5d": "Ih"}
-
-
-def _diagonal_frames(diagonal: FloatArray, side: FloatArray) -> Iterator[FloatArray]:
-    """The edges of the two cubes with this body diagonal and a face diagonal along ``side``."""
-    across = np.cross(diagonal, side)
-    for sign in (1.0, -1.0):
-        along, third = diagonal / np.sqrt(3.0), sign * across / np.sqrt(6.0)
-        first, second = along + side / np.sqrt(2.0) + third, along - side / np.sqrt(2.0) + third
-        yield np.array([first, second, along - 2.0 * third])
-
-
-def _five_fold_frame(five: FloatArray, half: FloatArray) -> FloatArray:
-    """The two-fold frame of an icosahedron with a five-fold axis and a two-fold one across it."""
-    golden = (1.0 + 5.0**0.5) / 2.0
-    across, length = np.cross(five, half), np.hypot(1.0, golden)
-    return np.stack([half, (five + golden * across) / length, (golden * five - across) / length])
 
 
 def distinct_lines(directions: FloatArray) -> FloatArray:
