@@ -81,7 +81,6 @@ class Detector:
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
         _ = mesh.bounds, mesh.area, mesh.watertight
-        SurfaceIndex(corners, np.repeat(faces[:1], 100, axis=0))  # duplicates have a kernel of their own
 
     def detect(
         self,

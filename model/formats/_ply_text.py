@@ -87,26 +87,43 @@ class LineTable:
 
 
 @jit
+def _walk_row(
+    numbers: AnyArray,
+    at: int,
+    end: int,
+    is_list: AnyArray,
+    wanted: int,
+    row: int,
+    starts: AnyArray,
+    lengths: AnyArray,
+) -> int:
+    """Fill place and length of property ``wanted`` of one row; where the row ends, or -1 where it has too few words."""
+    for entry in range(is_list.shape[0]):
+        length = 1
+        if is_list[entry]:
+            if at >= end or not (numbers[at] >= 0 and numbers[at] <= end):
+                return -1
+            length = int(numbers[at])
+            at += 1
+        if at + length > end:
+            return -1
+        if entry == wanted:
+            starts[row], lengths[row] = at, length
+        at += length
+    return at
+
+
+@jit
 def _walk_lines(
     numbers: AnyArray, rows: AnyArray, is_list: AnyArray, wanted: int, starts: AnyArray, lengths: AnyArray
 ) -> int:
     """Fill places and lengths of property ``wanted``; how many rows have words left, or -1 where one has too few."""
     longer = 0
     for row in range(starts.shape[0]):
-        at, end = rows[row], rows[row + 1]
-        for entry in range(is_list.shape[0]):
-            length = 1
-            if is_list[entry]:
-                if at >= end or not (numbers[at] >= 0 and numbers[at] <= end):
-                    return -1
-                length = int(numbers[at])
-                at += 1
-            if at + length > end:
-                return -1
-            if entry == wanted:
-                starts[row], lengths[row] = at, length
-            at += length
-        longer += at < end
+        at = _walk_row(numbers, rows[row], rows[row + 1], is_list, wanted, row, starts, lengths)
+        if at < 0:
+            return -1
+        longer += at < rows[row + 1]
     return longer
 
 
@@ -161,18 +178,9 @@ class WordTable:
 def _walk_words(numbers: AnyArray, at: int, is_list: AnyArray, wanted: int, starts: AnyArray, lengths: AnyArray) -> int:
     end = numbers.shape[0]
     for row in range(starts.shape[0]):
-        for entry in range(is_list.shape[0]):
-            length = 1
-            if is_list[entry]:
-                if at >= end or not (numbers[at] >= 0 and numbers[at] <= end):
-                    return -1
-                length = int(numbers[at])
-                at += 1
-            if at + length > end:
-                return -1
-            if entry == wanted:
-                starts[row], lengths[row] = at, length
-            at += length
+        at = _walk_row(numbers, at, end, is_list, wanted, row, starts, lengths)
+        if at < 0:
+            return -1
     return at
 
 

@@ -8,7 +8,7 @@ the planes of a grid, and each part has a box of its own; distances are still ta
 import numpy as np
 
 from model._jit import jit, jit_allocating
-from model.types import BoolArray, FloatArray, IntArray
+from model.types import FloatArray, IntArray
 
 _NEAR = 0.002
 """Part of the surface's extent: how far points that are asked about are from it, typically."""
@@ -178,42 +178,3 @@ def _clip(polygon: FloatArray, count: int, axis: int, plane: float, side: float,
             result[kept, axis] = plane
             kept += 1
     return kept
-
-
-@jit_allocating
-def distinct_faces(merged: IntArray, faces: IntArray, seed: int) -> BoolArray:
-    """Which faces (f,) are the first with their three corners, in any order; `merged` (v,) tells corners at one place.
-
-    `seed` keeps files from knowing what collides in the hash table.
-    """
-    size = 16
-    while size < 2 * faces.shape[0]:
-        size *= 2
-    table = np.full(size, -1, dtype=np.int32)
-    corners = np.empty((faces.shape[0], 3), dtype=np.int32)
-    first = np.zeros(faces.shape[0], dtype=np.bool_)
-    mask = np.uint64(size - 1)
-    for face in range(faces.shape[0]):
-        a, b, c = merged[faces[face, 0]], merged[faces[face, 1]], merged[faces[face, 2]]
-        low, high = min(a, b, c), max(a, b, c)
-        middle = max(min(a, b), min(max(a, b), c))
-        corners[face, 0], corners[face, 1], corners[face, 2] = low, middle, high
-        key = np.uint64(seed)
-        for corner in range(3):
-            key = (key ^ np.uint64(corners[face, corner])) * np.uint64(0xD6E8FEB86659FD93)
-            key ^= key >> np.uint64(32)
-        slot = np.int64(key & mask)
-        while True:
-            other = table[slot]
-            if other < 0:
-                table[slot] = face
-                first[face] = True
-                break
-            if (
-                corners[other, 0] == corners[face, 0]
-                and corners[other, 1] == corners[face, 1]
-                and corners[other, 2] == corners[face, 2]
-            ):
-                break
-            slot = (slot + 1) & np.int64(mask)
-    return first

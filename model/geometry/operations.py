@@ -33,13 +33,17 @@ class Operations:
 
     @classmethod
     def rotations(cls, directions: FloatArray, points: FloatArray, angles: FloatArray | float) -> "Operations":
-        """Rotations about axes: unit ``directions`` and ``points`` ``(k, 3)`` (or one ``(3,)``), ``angles`` radians."""
+        """Rotations about axes: unit ``directions`` and ``points`` ``(k, 3)``, ``angles`` ``(k,)`` radians.
+
+        One direction ``(3,)``, one point or one angle serves all.
+        """
         directions = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
-        count = len(directions)
+        turns: FloatArray = np.asarray(angles, dtype=np.float64)
+        count: int = np.broadcast_shapes((len(directions),), turns.shape)[0]
         return cls(
-            directions,
+            np.broadcast_to(directions, (count, 3)),
             np.broadcast_to(points, (count, 3)),
-            np.broadcast_to(np.asarray(angles, dtype=np.float64), (count,)),
+            np.broadcast_to(turns, (count,)),
             np.zeros(count, dtype=np.bool_),
         )
 

@@ -7,9 +7,9 @@ from model.errors import TooComplexError
 from model.geometry._bvh import build
 from model.geometry._bvh_axes import tree_axes
 from model.geometry._bvh_query import closest_points, morton_order, pack, search
-from model.geometry._bvh_references import distinct_faces, references
+from model.geometry._bvh_references import references
 from model.geometry._bvh_within import search_within
-from model.geometry.topology import HASH_SEED, duplicate_vertex_map
+from model.geometry.topology import distinct_faces, duplicate_vertex_map
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 WORK = 32_000_000
@@ -45,7 +45,7 @@ class SurfaceIndex:
         boxes, owners = references(vertices, faces)
         tree = build(boxes, owners)
         if tree[3]:  # many times the same triangle, perhaps: once will do
-            distinct = np.flatnonzero(distinct_faces(duplicate_vertex_map(vertices), faces, HASH_SEED))
+            distinct = np.flatnonzero(distinct_faces(duplicate_vertex_map(vertices), faces))
             if len(distinct) < len(faces):
                 boxes, owners = references(vertices, faces[distinct])
                 owners = distinct[owners].astype(np.int32)

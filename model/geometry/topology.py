@@ -7,7 +7,7 @@ import numpy as np
 from model._jit import jit, kernel_array
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
-HASH_SEED = int.from_bytes(os.urandom(7), "big")
+_HASH_SEED = int.from_bytes(os.urandom(7), "big")
 """What hash tables start from, so that nobody can make a file whose vertices or faces all collide. Results are the same
 for every seed."""
 
@@ -25,14 +25,13 @@ def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
     return bool(_all_paired(starts, ends))
 
 
-def open_edges(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Which edges belong to one face alone, once vertices at identical positions are merged: ``(f, 3)``.
+def open_edges(merged: IntArray, faces: IntArray) -> BoolArray:
+    """Which edges belong to one face alone: ``(f, 3)``.
 
-    Edge k of a face leads from corner k to the next. Faces of which corners coincide have no open edges. Works for any
-    ``(v, 3)`` coordinates and ``(f, 3)`` faces.
+    ``merged`` ``(v,)`` tells vertices at one place (`duplicate_vertex_map`). Edge k of a face leads from corner k to
+    the next. Faces of which corners coincide have no open edges.
     """
     faces = kernel_array(faces, np.int32)
-    merged = duplicate_vertex_map(vertices)
     starts = np.zeros(len(merged) + 1, dtype=np.int64)
     ends = np.empty(3 * len(faces), dtype=np.int32)
     _sort_edges(merged, faces, starts, ends)
@@ -41,14 +40,15 @@ def open_edges(vertices: FloatArray, faces: IntArray) -> BoolArray:
     return result
 
 
-def edge_neighbours(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """The face beyond each edge, once vertices at identical positions are merged: ``(f, 3)``, -1 for none.
+def edge_neighbours(merged: IntArray, faces: IntArray) -> IntArray:
+    """The face beyond each edge: ``(f, 3)``, -1 for none.
 
-    Edge k of a face leads from corner k to the next. An edge of one face alone has no neighbour, nor has one of three.
+    ``merged`` ``(v,)`` tells vertices at one place (`duplicate_vertex_map`). Edge k of a face leads from corner k to
+    the next. An edge of one face alone has no neighbour, nor has one of three.
     """
-    merged = duplicate_vertex_map(vertices)[faces]
-    pairs = np.sort(np.stack([merged, np.roll(merged, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    keys = pairs[:, 0].astype(np.int64) * len(vertices) + pairs[:, 1]
+    corners = merged[faces]
+    pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    keys = pairs[:, 0].astype(np.int64) * len(merged) + pairs[:, 1]
     order = np.argsort(keys, kind="stable")
     ordered = keys[order]
     starts = np.concatenate([[True], ordered[1:] != ordered[:-1]])
@@ -64,17 +64,31 @@ def edge_neighbours(vertices: FloatArray, faces: IntArray) -> IntArray:
 def duplicate_vertex_map(vertices: FloatArray) -> IntArray:
     """For every vertex ``(v, 3)`` the index of the first one with the same coordinates: ``(v,)``."""
     positions = kernel_array(vertices, np.float64) + 0.0  # makes -0.0 and 0.0 the same bits
+    return _first_equal_rows(positions.view(np.int64))
+
+
+def distinct_faces(merged: IntArray, faces: IntArray) -> BoolArray:
+    """Which faces ``(f,)`` are the first with their three corners, in any order.
+
+    ``merged`` ``(v,)`` tells vertices at one place (`duplicate_vertex_map`).
+    """
+    corners = np.sort(merged[faces], axis=1).astype(np.int64)
+    return np.asarray(_first_equal_rows(corners) == np.arange(len(faces)))
+
+
+def _first_equal_rows(rows: AnyArray) -> IntArray:
+    """For every row ``(n, 3)`` int64 the index of the first one that is equal: ``(n,)``."""
     size = 16
-    while size < 2 * len(positions):
+    while size < 2 * len(rows):
         size *= 2
-    merged = np.empty(len(positions), dtype=np.int32)
-    _merge(positions.view(np.int64), np.full(size, -1, dtype=np.int32), HASH_SEED, merged)
-    return merged
+    first = np.empty(len(rows), dtype=np.int32)
+    _merge(rows, np.full(size, -1, dtype=np.int32), _HASH_SEED, first)
+    return first
 
 
 @jit
 def _merge(bits: AnyArray, table: IntArray, seed: int, merged: IntArray) -> None:
-    """For every vertex the first one with the same coordinates, through a hash table with linear probing."""
+    """For every row the first one with the same numbers, through a hash table with linear probing."""
     mask = np.uint64(table.shape[0] - 1)
     for vertex in range(bits.shape[0]):
         key = np.uint64(seed)

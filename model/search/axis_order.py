@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.deviation import DeviationMeter, SurfaceSamples
+from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray
@@ -41,6 +41,44 @@ class RotationalSymmetry:
     arbitrary_rms: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Roundness:
+    """How round a surface is about an axis: its ``deviations`` at arbitrary angles, and its ``radius``, unit frame.
+
+    ``is_round``: it strays no farther from round than its facets allow.
+    """
+
+    deviations: Deviations
+    radius: float
+    is_round: bool
+
+    @property
+    def rms(self) -> float:
+        """The largest RMS deviation over the angles."""
+        return float(self.deviations.rms.max())
+
+
+def roundness(
+    meter: DeviationMeter,
+    samples: SurfaceSamples,
+    direction: FloatArray,
+    point: FloatArray,
+    settings: SearchSettings = DEFAULT,
+) -> Roundness:
+    """Whether every rotation about the axis through ``point`` ``(3,)`` along the unit ``direction`` ``(3,)`` holds."""
+    radius = samples.radius_about(direction, point)
+    deviations = meter.measure(Operations.rotations(direction, point, ARBITRARY_ANGLES), samples)
+    there = np.where(deviations.missing, 0.0, deviations.squared)
+    unsupported = float(deviations.missing.all(0).mean())
+    # The facets of a surface that cannot be round are not asked for.
+    is_round = bool(
+        np.sqrt(there.max()) <= settings.round_deviation * radius
+        and unsupported <= settings.most_unsupported
+        and (there <= np.square(facet_tolerance(meter, samples, radius, settings.round_deviation, settings))).all()
+    )
+    return Roundness(deviations, radius, is_round)
+
+
 def rotation_order(
     meter: DeviationMeter,
     samples: SurfaceSamples,
@@ -48,14 +86,13 @@ def rotation_order(
     point: FloatArray,
     *,
     limit: float,
-    deviation: float | None = None,
     past_facets: bool = False,
     settings: SearchSettings = DEFAULT,
 ) -> RotationalSymmetry:
     """Find the order of the axis through ``point`` ``(3,)`` along the unit ``direction`` ``(3,)``, unit frame.
 
-    The order is a product of prime powers, each of which is tried by itself. Two rotations of each are looked at: the
-    two at about half way and a third of the way round, which a nearby wrong order (23 for 24) fails.
+    The order is a product of prime powers, each of which is tried by itself, at up to five angles far from the
+    smallest, which a nearby wrong order (23 for 24) fails.
 
     Args:
         meter: what to measure with.
@@ -63,30 +100,24 @@ def rotation_order(
         direction: of the axis.
         point: on the axis.
         limit: an order must hold within this RMS deviation.
-        deviation: largest deviation from round, as a part of the radius; ``settings.round_deviation`` unless given.
         past_facets: what facets allow is taken off all deviations: of a gear with a bore the order of the gear shows.
         settings: the thresholds.
     """
-    arm = samples.points - point
-    radius = float(np.sqrt(np.square(arm - np.outer(arm @ direction, direction)).sum(1).max()))
-    deviation = settings.round_deviation if deviation is None else deviation
-    measured = meter.measure(_rotations(direction, point, ARBITRARY_ANGLES), samples)
-    arbitrary_rms = float(measured.rms.max())
-    there = np.where(measured.missing, 0.0, measured.squared)
-    unsupported = float(measured.missing.all(0).mean())
-    if np.sqrt(there.max()) <= deviation * radius and unsupported <= settings.most_unsupported:
-        allowed = facet_tolerance(meter, samples, radius, deviation, settings)
-        if (there <= np.square(allowed)).all():
-            return RotationalSymmetry(None, arbitrary_rms)
+    arbitrary = roundness(meter, samples, direction, point, settings)
+    if arbitrary.is_round:
+        return RotationalSymmetry(None, arbitrary.rms)
     allowed = np.zeros(len(samples))
     if past_facets:
-        allowed = np.minimum(_FACET_SLACK * meter.facets.at(samples.owners), deviation * radius)
-    excess = _excess(measured.squared, allowed, settings.truncation)
-    reference = excess.mean(0)
+        allowed = np.minimum(
+            _FACET_SLACK * meter.facets.at(samples.owners), settings.round_deviation * arbitrary.radius
+        )
+    reference = _excess(arbitrary.deviations.squared, allowed, settings.truncation).mean(0)
     if not reference.any():
-        return RotationalSymmetry(1, arbitrary_rms)
-    order = _order(meter, samples, direction, point, limit, reference, allowed, arbitrary_rms, radius, settings)
-    return RotationalSymmetry(order, arbitrary_rms)
+        return RotationalSymmetry(1, arbitrary.rms)
+    # Half a step of the order n moves no point farther than this share of the radius: more is not round enough for it.
+    largest = np.pi * arbitrary.radius / max(arbitrary.rms, 1e-12)
+    order = _order(meter, samples, direction, point, limit, reference, allowed, largest, settings)
+    return RotationalSymmetry(order, arbitrary.rms)
 
 
 def _excess(squared: FloatArray, allowed: FloatArray, truncation: float) -> FloatArray:
@@ -132,8 +163,7 @@ def _order(
     limit: float,
     reference: FloatArray,
     allowed: FloatArray,
-    arbitrary_rms: float,
-    radius: float,
+    largest: float,
     settings: SearchSettings,
 ) -> int:
     few = samples.every(_SCREEN_STRIDE)
@@ -141,7 +171,7 @@ def _order(
 
     def promising(orders: list[int]) -> list[int]:
         angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
-        screened = meter.measure(_rotations(direction, point, angles), few)
+        screened = meter.measure(Operations.rotations(direction, point, angles), few)
         there = np.where(screened.missing, 0.0, screened.squared)
         errors = _excess(there, allowed[::_SCREEN_STRIDE], settings.truncation).mean(1)
         return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= coarse_bound]
@@ -150,7 +180,7 @@ def _order(
         worst = np.zeros(len(samples))
         for multiple in _multiples(n).tolist():  # one at a time: the first tells most of those apart that do not hold
             angle = np.array([2.0 * np.pi * multiple / n])
-            deviations = meter.measure(_rotations(direction, point, angle), samples)
+            deviations = meter.measure(Operations.rotations(direction, point, angle), samples)
             if deviations.rms[0] > limit:
                 return False
             excess = _excess(deviations.squared, allowed, settings.truncation)[0]
@@ -161,8 +191,6 @@ def _order(
         return True
 
     order = 1
-    # Half a step of the order n moves no point farther than this share of the radius: more is not round enough for it.
-    largest = np.pi * radius / max(arbitrary_rms, 1e-12)
     for prime in promising([prime for prime in _PRIMES if prime <= max(largest, _ALWAYS)]):
         power = prime
         while order * prime <= settings.largest_order and (power == prime or promising([power])) and holds(power):
@@ -179,7 +207,3 @@ def _multiples(n: int) -> FloatArray:
     """
     prime = [k for k in range(1, n) if np.gcd(k, n) == 1]
     return np.array(sorted({min(prime, key=lambda k: abs(k - share * n)) for share in _SHARES}), dtype=np.float64)
-
-
-def _rotations(direction: FloatArray, point: FloatArray, angles: FloatArray) -> Operations:
-    return Operations.rotations(np.tile(direction, (len(angles), 1)), point, angles)

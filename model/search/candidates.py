@@ -11,11 +11,10 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import refine, squared_distances
 from model.geometry.surface import SurfaceIndex
 from model.search.context import SearchContext
+from model.search.settings import DEFAULT
 from model.types import FloatArray
 
-SAME_ANGLE = float(np.deg2rad(1.5))
-SAME_DISTANCE = 0.015
-"""Two elements of the same kind within this angle and distance (unit frame) are one."""
+_SAME_ANGLE, _SAME_DISTANCE = DEFAULT.same_angle, DEFAULT.same_distance
 
 _BASIN_ANGLE = float(np.deg2rad(5.0))
 _MUCH_BETTER = 10.0
@@ -75,26 +74,26 @@ def distinct(operations: Operations, errors: FloatArray) -> list[int]:
     for index in np.argsort(errors, kind="stable").tolist():
         for other in kept:
             unsettled = errors[index] > _MUCH_BETTER * errors[other]
-            if same_element(operations, index, other, _BASIN_ANGLE if unsettled else SAME_ANGLE):
+            if same_element(operations, index, other, _BASIN_ANGLE if unsettled else _SAME_ANGLE):
                 break
         else:
             kept.append(index)
     return kept
 
 
-def same_element(operations: Operations, first: int, second: int, angle: float = SAME_ANGLE) -> bool:
+def same_element(operations: Operations, first: int, second: int, angle: float = _SAME_ANGLE) -> bool:
     """Whether two operations of a batch are the same one: kind, direction (to an angle) and position."""
     if operations.improper[first] != operations.improper[second]:
         return False
-    if abs(operations.angles[first] - operations.angles[second]) > SAME_ANGLE:
+    if abs(operations.angles[first] - operations.angles[second]) > _SAME_ANGLE:
         return False
     gap = operations.points[first] - operations.points[second]
     if operations.improper[first] and operations.angles[first] > 3.0:  # inversions have no direction
-        return float(np.linalg.norm(gap)) < SAME_DISTANCE
+        return float(np.linalg.norm(gap)) < _SAME_DISTANCE
     direction, other = operations.directions[first], operations.directions[second]
     if abs(direction @ other) < np.cos(angle):
         return False
     if operations.improper[first]:  # planes: compared by offset
         sign = 1.0 if direction @ other > 0 else -1.0
-        return abs(direction @ operations.points[first] - sign * other @ operations.points[second]) < SAME_DISTANCE
-    return float(np.linalg.norm(gap - (gap @ direction) * direction)) < SAME_DISTANCE
+        return abs(direction @ operations.points[first] - sign * other @ operations.points[second]) < _SAME_DISTANCE
+    return float(np.linalg.norm(gap - (gap @ direction) * direction)) < _SAME_DISTANCE

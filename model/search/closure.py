@@ -16,9 +16,6 @@ SAME = float(np.deg2rad(1.2))
 LARGEST = 64
 """The largest order of an axis told from round."""
 
-LARGEST_APPROXIMATE = 12
-"""The same for operations that hold only approximately."""
-
 _LARGEST_CUBIC = 120
 
 

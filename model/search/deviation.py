@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from model.geometry.frames import face_normals
+from model.geometry.frames import along_segments, face_normals
 from model.geometry.operations import Operations
 from model.geometry.refinement import squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
-from model.geometry.topology import duplicate_vertex_map, open_edges
+from model.geometry.topology import open_edges
 from model.search.facets import Facets
 from model.types import BoolArray, FloatArray, IntArray
 
@@ -41,11 +41,6 @@ class Deviations:
 
     squared: FloatArray
     missing: BoolArray
-
-    @property
-    def sde(self) -> FloatArray:
-        """The symmetry errors, over all samples, ``(k,)``."""
-        return self.squared.mean(1)
 
     @property
     def rms(self) -> FloatArray:
@@ -87,6 +82,11 @@ class SurfaceSamples:
         """Every so many-th sample."""
         return SurfaceSamples(self.points[::stride], self.owners[::stride], self.normals[::stride])
 
+    def radius_about(self, direction: FloatArray, point: FloatArray) -> float:
+        """The largest distance of a sample from the line through ``point`` ``(3,)`` along a unit ``direction``."""
+        arm = self.points - point
+        return float(np.sqrt(np.square(arm - np.outer(arm @ direction, direction)).sum(1).max()))
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -105,7 +105,7 @@ class DeviationMeter:
         self.surface = surface
         self._vertices, self._faces = vertices, faces
         self.facets = Facets(vertices, faces)
-        self._open = open_edges(vertices, faces)
+        self._open = open_edges(self.facets.first, faces)
         self.closed = not self._open.any()
         self._near_squared = near * near
         self._one_sided = not self.closed and _mean_normal(vertices, faces) > _ONE_SIDED
@@ -158,11 +158,8 @@ class DeviationMeter:
         corners = self._vertices[self._faces[owners]]
         for k in range(3):
             start, end = corners[:, k], corners[:, (k + 1) % 3]
-            is_open = self._open[owners, k]
-            along = end - start
-            share = np.einsum("ij,ij->i", points - start, along) / np.maximum(np.square(along).sum(1), 1e-300)
-            foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
-            result |= is_open & (np.square(points - foot).sum(1) < _ON_EDGE**2)
+            _, squared = along_segments(points, start, end)
+            result |= self._open[owners, k] & (squared < _ON_EDGE**2)
             at_corner = np.square(points - start).sum(1) < _ON_EDGE**2
             result |= at_corner & self._open_corner[self._faces[owners, k]]
         return result
@@ -170,7 +167,7 @@ class DeviationMeter:
     @cached_property
     def _open_corner(self) -> BoolArray:
         """Which vertices are an end of an open edge, ``(v,)``; of vertices at one place all are."""
-        first = duplicate_vertex_map(self._vertices)
+        first = self.facets.first
         result = np.zeros(len(first), dtype=np.bool_)
         for k in range(3):
             ends = self._faces[self._open[:, k]][:, [k, (k + 1) % 3]]

@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
+from model.geometry.frames import along_segments
 from model.geometry.operations import Operations
 from model.geometry.surface import SurfaceIndex
-from model.geometry.topology import duplicate_vertex_map
 from model.search.facets import Facets
 from model.search.hypothesis import Hypothesis
 from model.symmetries import Patch
@@ -55,7 +55,7 @@ class ExactnessTest:
         vertices = self._vertices
         of_face, at_vertex = self._facets.sagittas
         stride = max(1, -(-4 * len(self._faces) // _MOST_FEATURES))
-        chosen = duplicate_vertex_map(vertices)[self._faces[::stride]]
+        chosen = self._facets.first[self._faces[::stride]]
         corner = np.unique(chosen)
         edges = np.unique(
             np.sort(np.stack([chosen, np.roll(chosen, -1, axis=1)], axis=2).reshape(-1, 2), axis=1), axis=0
@@ -88,10 +88,8 @@ class ExactnessTest:
         corners = self._vertices[self._faces[hit]]
         at_corner = at_vertex[self._faces[hit]]
         for k in range(3):
-            start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-            share = np.einsum("ij,ij->i", closest - start, along) / np.maximum(np.square(along).sum(1), 1e-300)
-            foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
-            on_edge = np.square(closest - foot).sum(1) < _ON_EDGE**2
+            share, gap = along_segments(closest, corners[:, k], corners[:, (k + 1) % 3])
+            on_edge = gap < _ON_EDGE**2
             rim = np.where(
                 share < 1e-6, at_corner[:, k], np.where(share > 1.0 - 1e-6, at_corner[:, (k + 1) % 3],
                 np.minimum(at_corner[:, k], at_corner[:, (k + 1) % 3])),

@@ -24,6 +24,11 @@ class Facets:
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
         self.vertices, self.faces = vertices, faces
 
+    @cached_property
+    def first(self) -> IntArray:
+        """For every vertex the first one at its place, ``(v,)``: vertices at one place count as one."""
+        return duplicate_vertex_map(self.vertices)
+
     def at(self, owners: IntArray) -> FloatArray:
         """The largest sagitta on the faces ``(m,)`` or at a corner of theirs: ``(m,)``."""
         of_face, at_vertex = self.sagittas
@@ -37,7 +42,8 @@ class Facets:
     def sagittas(self) -> tuple[FloatArray, FloatArray]:
         """Those of faces ``(f,)``, and at vertices ``(v,)`` the largest of faces and rims that meet there."""
         vertices, faces = self.vertices, self.faces
-        neighbours = edge_neighbours(vertices, faces)
+        first = self.first
+        neighbours = edge_neighbours(first, faces)
         normals = face_normals(vertices, faces)
         corners = vertices[faces]
         edges = np.roll(corners, -1, axis=1) - corners
@@ -53,7 +59,6 @@ class Facets:
         flat = (neighbours >= 0) & (cosine >= _FLAT)
         across = np.where(flat, of_face[np.maximum(neighbours, 0)], 0.0).max(1)
         of_face = np.maximum(of_face, across)
-        first = duplicate_vertex_map(vertices)
         at_vertex = np.zeros(len(vertices))
         for k in range(3):
             np.maximum.at(at_vertex, first[faces[:, k]], of_face)

@@ -13,7 +13,7 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import refine
 from model.geometry.scan import directions, minima
 from model.network.proposals import Proposals
-from model.search.axis_order import rotation_order
+from model.search.axis_order import roundness
 from model.search.candidates import RefinedCandidates, refine_and_deduplicate
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
@@ -77,7 +77,7 @@ def find_symmetries(context: SearchContext, proposals: Proposals | None, sources
     ladder.climb(refined.operations, rms)
     ladder.extend_roughly()
     continuous: list[Hypothesis] = []
-    for direction, point, _ in [*((d, p, 0.0) for d, p in nearly_round), *ladder.round_lines]:
+    for direction, point in [*nearly_round, *ladder.round_lines]:
         continuous = continuous_levels(context, direction, point)
         if continuous:
             break
@@ -108,16 +108,13 @@ def _lines(context: SearchContext, proposals: Proposals | None, sources: Sources
 
 def _roundness(context: SearchContext, line: FloatArray) -> tuple[FloatArray, FloatArray, bool, bool]:
     """An axis near ``line``, refined; whether the shape is round about it up to its facets, or at least roughly."""
-    count = len(ARBITRARY_ANGLES)
-    rotated = Operations.rotations(np.tile(line, (count, 1)), context.centre, ARBITRARY_ANGLES)
+    rotated = Operations.rotations(line, context.centre, ARBITRARY_ANGLES)
     if context.scores(rotated).max() > context.settings.promising_axis:
         return line, context.centre, False, False
     axis = refine(context.surface, context.points(3), rotated[:1], 8, scale=0.05)
     direction, point = axis.directions[0], axis.points[0]
-    found = rotation_order(
-        context.meter, context.samples.every(2), direction, point, limit=0.0, settings=context.settings
-    )
-    return direction, point, found.order is None, found.arbitrary_rms <= context.limit
+    found = roundness(context.meter, context.samples.every(2), direction, point, context.settings)
+    return direction, point, found.is_round, found.rms <= context.limit
 
 
 def _starts(

@@ -8,6 +8,7 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import refine_frame, squared_distances
 from model.search.context import SearchContext
 from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, PointGroup, contains, point_group
+from model.search.settings import SearchSettings
 from model.types import FloatArray
 
 _MOST_MEASURED = 10
@@ -107,6 +108,10 @@ class Hypothesis:
             float(deviations.contradicting(distance).max()),
         )
 
+    def is_believed(self, settings: SearchSettings) -> bool:
+        """Whether enough of the surface bears it out, and not too much contradicts it."""
+        return self.coverage >= settings.least_coverage and self.contradicting <= settings.most_contradicting
+
     @property
     def _fit_operations(self) -> Operations:
         """The generators, and some elements if these are few: what the frame is fitted to."""
@@ -183,7 +188,7 @@ class Hypothesis:
         order = self.group.principal_order
         count = int(order > 2 and self.name[0] not in "TOI")
         angles = np.full(count, 2.0 * np.pi * (order // 2) / max(order, 1))
-        return Operations.rotations(np.tile(self.axis, (count, 1)), self.centre, angles)
+        return Operations.rotations(self.axis, self.centre, angles)
 
     def _placed(self, operations: Operations) -> Operations:
         points = np.broadcast_to(self.centre, (len(operations), 3))

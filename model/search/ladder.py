@@ -24,7 +24,7 @@ _AZIMUTHS, _BEST_AZIMUTHS = 32, 3
 _PARALLEL = float(np.cos(np.deg2rad(4.0)))
 _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
 _EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
-_EXACT_ORDER, _ROUGH_ORDER = 64, 12
+_ROUGH_ORDER = 12
 _LARGEST_CLOSED = 260
 _HOPELESS = 4.0
 
@@ -32,8 +32,8 @@ _HOPELESS = 4.0
 class Ladder:
     """Builds the groups of a shape, the finest first.
 
-    ``rungs``: the non-trivial groups found so far. ``round_lines``: directions about which the shape is round, at least
-    roughly, with the RMS deviation of arbitrary rotations.
+    ``rungs``: the non-trivial groups found so far. ``round_lines``: directions and points of axes about which the shape
+    is round, at least roughly.
     """
 
     def __init__(self, context: SearchContext, lines: FloatArray) -> None:
@@ -43,12 +43,7 @@ class Ladder:
         self._group = trivial()
         self._failed: dict[tuple[object, ...], float] = {}
         self.rungs: list[Hypothesis] = []
-        self.round_lines: list[tuple[FloatArray, FloatArray, float]] = []
-
-    @property
-    def top(self) -> Hypothesis:
-        """The largest group so far."""
-        return self._group
+        self.round_lines: list[tuple[FloatArray, FloatArray]] = []
 
     def climb(self, candidates: Operations, rms: FloatArray) -> None:
         """Take in candidates ``(k,)`` with their RMS deviations, precise ones in batches, others one by one."""
@@ -98,7 +93,7 @@ class Ladder:
         if group.contains(operation, angle, settings.same_distance) or group.group.size > _LARGEST_CLOSED:
             return False
         matrices = np.concatenate([group.generators.matrices, operation.matrices])
-        grown = closure.closure(matrices, _EXACT_ORDER if precise else _ROUGH_ORDER, angle)
+        grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle)
         if grown is None:
             return False
         name, frame = identify(grown, angle)
@@ -111,10 +106,10 @@ class Ladder:
     def _try(self, hypothesis: Hypothesis, tolerance: float) -> bool:
         """Fit a hypothesis and take it if it holds; True if it does."""
         measured = hypothesis.measured(self._context)
-        if measured.rms > max(_HOPELESS * tolerance, _HOPELESS * self._context.limit):
+        if measured.rms > _HOPELESS * self._context.limit:
             return False
         fitted = measured.fitted(self._context)
-        if not self._believed(fitted) or fitted.rms > tolerance:
+        if not fitted.is_believed(self._context.settings) or fitted.rms > tolerance:
             return False
         # The first rough symmetry has no other to bear it out: it must not be one of many that do as well.
         rough = self._group.name == "C1" and fitted.rms > self._context.settings.feature_precision
@@ -139,11 +134,12 @@ class Ladder:
         squared = np.minimum(context.meter.measure(both, context.judging).squared, cut).mean(1)
         return bool(squared[1:].min() > context.settings.tilt_factor * squared[0])
 
-    def _believed(self, hypothesis: Hypothesis) -> bool:
-        settings = self._context.settings
-        return (
-            hypothesis.coverage >= settings.least_coverage and hypothesis.contradicting <= settings.most_contradicting
-        )
+    def _was_tried(self, key: tuple[object, ...], tolerance: float) -> bool:
+        """Whether something was tried at this tolerance or a larger one before; from now on it was."""
+        if self._failed.get(key, -1.0) >= tolerance:
+            return True
+        self._failed[key] = tolerance
+        return False
 
     def _extend(self, tolerance: float) -> None:
         """Try what the group suggests, until nothing more holds."""
@@ -170,8 +166,7 @@ class Ladder:
         return False
 
     def _is_nearly_round(self, line: FloatArray) -> bool:
-        count = len(ARBITRARY_ANGLES)
-        rotations = Operations.rotations(np.tile(line, (count, 1)), self._group.centre, ARBITRARY_ANGLES)
+        rotations = Operations.rotations(line, self._group.centre, ARBITRARY_ANGLES)
         return bool(self._context.scores(rotations).max() <= self._context.settings.promising_exact)
 
     def _raise_order_about(self, line: FloatArray, tolerance: float, *, past_facets: bool = False) -> bool:
@@ -179,11 +174,10 @@ class Ladder:
         parallel = np.abs(group.directions @ line) > _PARALLEL
         order = int(np.array(group.group.orders)[parallel].max()) if parallel.any() else 1
         key = ("order", order, past_facets, *np.round(np.abs(line), 2).tolist())
-        if self._failed.get(key, -1.0) >= tolerance:
+        if self._was_tried(key, tolerance):
             return False
-        self._failed[key] = tolerance
         turns = 2.0 * np.pi / np.array([n for n in _SCREEN_ORDERS if n != order])
-        starts = Operations.rotations(np.tile(line, (len(turns), 1)), group.centre, turns)
+        starts = Operations.rotations(line, group.centre, turns)
         scores = context.scores(starts)
         best = int(np.argmin(scores))
         precise = tolerance <= context.settings.modelling_precision
@@ -211,12 +205,11 @@ class Ladder:
                 settings=context.settings,
             )
             if found.arbitrary_rms <= context.limit:
-                self.round_lines.append((direction, point, found.arbitrary_rms))
-            if found.order == 1:
-                if attempt == 1 and len(tried) == 2 - (order == 1):
+                self.round_lines.append((direction, point))
+            if found.order == 1 and attempt:
+                if attempt == 1 and tried == {1}:
                     self._failed[key] = limit  # nothing shows at any of these tolerances
-                if attempt:
-                    break
+                break
             if found.order is None or found.order % order or found.order in tried:
                 continue
             tried.add(found.order)
@@ -274,9 +267,8 @@ class Ladder:
         name, order = group.name, group.group.principal_order
         for larger, frame in supergroups(name, order, group.frame):
             key = (larger, name, order, *np.round(frame, 2).ravel().tolist())
-            if self._failed.get(key, -1.0) >= tolerance:
+            if self._was_tried(key, tolerance):
                 continue
-            self._failed[key] = tolerance
             centre = group.centre
             if larger == "Ci":
                 context = self._context
@@ -293,9 +285,8 @@ class Ladder:
         """
         group, context = self._group, self._context
         key = ("azimuths", group.name)
-        if self._failed.get(key, -1.0) >= tolerance:
+        if self._was_tried(key, tolerance):
             return
-        self._failed[key] = tolerance
         order = group.group.principal_order
         first, second = group.frame[0], group.frame[1]
         angles = np.pi / order * np.arange(_AZIMUTHS) / _AZIMUTHS

@@ -69,11 +69,7 @@ def continuous_levels(context: SearchContext, direction: FloatArray, point: Floa
     frame = frame_of(direction, direction)
     for name in CONTINUOUS:
         hypothesis = Hypothesis(point_group(name), frame, centre).measured(context).fitted(context, stride=4)
-        believed = (
-            hypothesis.coverage >= context.settings.least_coverage
-            and hypothesis.contradicting <= context.settings.most_contradicting
-        )
-        if hypothesis.rms > context.limit or not believed:
+        if hypothesis.rms > context.limit or not hypothesis.is_believed(context.settings):
             break
         levels.append(hypothesis)
         frame, centre = hypothesis.frame, hypothesis.centre
@@ -96,12 +92,11 @@ def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypoth
     samples, settings = context.judging, context.settings
     axis, order = directions[about][0], int(orders[about][0])
     angles = 2.0 * np.pi / order * np.array([1, max(1, order // 2)])
-    own = Operations.rotations(np.tile(axis, (2, 1)), finite.centre, angles)
-    arbitrary = Operations.rotations(np.tile(axis, (len(ARBITRARY_ANGLES), 1)), finite.centre, ARBITRARY_ANGLES)
+    own = Operations.rotations(axis, finite.centre, angles)
+    arbitrary = Operations.rotations(axis, finite.centre, ARBITRARY_ANGLES)
     if continuous.name == "Kh":
         arbitrary = Operations.joined([arbitrary, continuous.generators])
-    arm = samples.points - finite.centre
-    radius = float(np.sqrt(np.square(arm - np.outer(arm @ axis, axis)).sum(1).max()))
+    radius = samples.radius_about(axis, finite.centre)
     deviation = settings.sphere_deviation if continuous.name == "Kh" else settings.round_deviation
     facets = facet_tolerance(context.meter, samples, radius, deviation, settings)
     cut = settings.truncation**2

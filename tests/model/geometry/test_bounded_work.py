@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from model.errors import TooComplexError
-from model.geometry._bvh_references import distinct_faces, references
+from model.geometry._bvh_references import references
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine_planes, squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import WORK, SurfaceIndex
-from model.geometry.topology import HASH_SEED, duplicate_vertex_map
+from model.geometry.topology import distinct_faces, duplicate_vertex_map
 
 
 def crossing(faces, vertices=120, seed=0):
@@ -97,7 +97,7 @@ def test_identical_faces_count_once():
     assert np.allclose(index.squared_distances(points), once.squared_distances(points), rtol=1e-12)
     turned = np.array([[0, 1, 2], [1, 2, 0], [2, 1, 0], [0, 1, 3]], dtype=np.int32)
     places = np.arange(4, dtype=np.int32)
-    assert distinct_faces(places, turned, HASH_SEED).tolist() == [True, False, False, True]
+    assert distinct_faces(places, turned).tolist() == [True, False, False, True]
 
 
 def test_points_in_a_plane_of_slivers_do_not_look_into_all_of_them():
