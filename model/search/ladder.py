@@ -130,7 +130,8 @@ class Ladder:
         directions = tilted.moved(turns, np.zeros_like(turns)).directions
         tilted = Operations(directions, tilted.points, tilted.angles, tilted.improper)
         both = Operations.joined([element, tilted])
-        cut = context.settings.truncation**2
+        # Who raises the threshold is told of what is as rough as that: distances up to it must count.
+        cut = max(context.settings.truncation, 1.5 * context.limit) ** 2
         squared = np.minimum(context.meter.measure(both, context.judging).squared, cut).mean(1)
         return bool(squared[1:].min() > context.settings.tilt_factor * squared[0])
 
