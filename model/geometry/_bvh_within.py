@@ -24,7 +24,7 @@ def search_within(
     recent = 0  # the leaf that was near the previous point
     for step in range(order.shape[0]):
         point = order[step]
-        leaf = _leaf_within(
+        leaf = leaf_within(
             points[point, 0],
             points[point, 1],
             points[point, 2],
@@ -43,7 +43,7 @@ def search_within(
 
 
 @jit
-def _leaf_within(
+def leaf_within(
     x: float,
     y: float,
     z: float,

@@ -70,19 +70,6 @@ def triangle_areas(corners: FloatArray) -> FloatArray:
     return _areas(np.moveaxis(corners, 2, 0))
 
 
-def along_segments(points: FloatArray, starts: FloatArray, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where points lie along segments, each beside its own, all ``(m, 3)``.
-
-    Returns:
-        the share of the way from start to end ``(m,)``, beyond 0 and 1 outside of it; and the squared distance from
-        the segment ``(m,)``.
-    """
-    along = ends - starts
-    share = np.einsum("ij,ij->i", points - starts, along) / np.maximum(np.square(along).sum(1), 1e-300)
-    feet = starts + np.clip(share, 0.0, 1.0)[:, None] * along
-    return share, np.square(points - feet).sum(1)
-
-
 def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Unit normals ``(f, 3)``; zero where a face has no area."""
     corners = vertices[faces]

@@ -118,6 +118,11 @@ class SurfaceIndex:
         """Boxes, children and triangle frames for kernels of other modules, in the axes of the tree."""
         return self._boxes, self._children, self._frames
 
+    @property
+    def owners(self) -> IntArray:
+        """The face of every lane of the leaves, for kernels of other modules."""
+        return self._owners
+
     def to_tree(self, vectors: FloatArray) -> FloatArray:
         """A copy of points or directions (n, 3) in the axes of the tree, which may be turned about the origin."""
         return np.array(vectors if self._axes is None else vectors @ self._axes.T, dtype=np.float64, order="C")

@@ -1,5 +1,6 @@
 """By which angles a shape may be rotated about an axis: the order of the axis, or every angle."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,7 +10,7 @@ from model.geometry.operations import Operations
 from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
-from model.types import FloatArray
+from model.types import FloatArray, IntArray
 
 _SCREEN_STRIDE, _SCREEN_FACTOR = 8, 4.0
 """A rotation that is so many times too bad on every eighth sample is not looked at on all of them."""
@@ -26,7 +27,8 @@ _CONTRAST = 0.1
 """A rotation is a symmetry if its squared deviation is so much smaller than that of arbitrary angles. Larger ones must
 be smaller significantly (`explains_better`)."""
 
-_PRIMES = tuple(n for n in range(2, DEFAULT.largest_order + 1) if all(n % p for p in range(2, int(n**0.5) + 1)))
+PRIMES = np.array([n for n in range(2, DEFAULT.largest_order + 1) if all(n % p for p in range(2, int(n**0.5) + 1))])
+"""All orders are products of these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,7 @@ def rotation_order(
     point: FloatArray,
     *,
     limit: float,
+    primes: IntArray = PRIMES,
     past_facets: bool = False,
     settings: SearchSettings = DEFAULT,
 ) -> RotationalSymmetry:
@@ -100,24 +103,90 @@ def rotation_order(
         direction: of the axis.
         point: on the axis.
         limit: an order must hold within this RMS deviation.
+        primes: factors that the order may have.
         past_facets: what facets allow is taken off all deviations: of a gear with a bore the order of the gear shows.
         settings: the thresholds.
     """
+    axis = _Axis(meter, direction, point, limit, past_facets, settings)
+    few = samples.every(_SCREEN_STRIDE)
+    arbitrary = roundness(meter, few, direction, point, settings)
+    screen = axis.against(few, arbitrary)
+    # On a few samples it shows that nothing holds; that something does is to be seen on all.
+    factors = screen.promising(primes.tolist())
+    if not arbitrary.is_round and not factors:
+        return RotationalSymmetry(1, arbitrary.rms)
     arbitrary = roundness(meter, samples, direction, point, settings)
     if arbitrary.is_round:
         return RotationalSymmetry(None, arbitrary.rms)
-    allowed = np.zeros(len(samples))
-    if past_facets:
-        allowed = np.minimum(
-            _FACET_SLACK * meter.facets.at(samples.owners), settings.round_deviation * arbitrary.radius
-        )
-    reference = _excess(arbitrary.deviations.squared, allowed, settings.truncation).mean(0)
-    if not reference.any():
-        return RotationalSymmetry(1, arbitrary.rms)
-    # Half a step of the order n moves no point farther than this share of the radius: more is not round enough for it.
-    largest = np.pi * arbitrary.radius / max(arbitrary.rms, 1e-12)
-    order = _order(meter, samples, direction, point, limit, reference, allowed, largest, settings)
-    return RotationalSymmetry(order, arbitrary.rms)
+    return RotationalSymmetry(_order(screen, axis.against(samples, arbitrary), factors), arbitrary.rms)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axis:
+    """An axis whose order is looked for, see `rotation_order`."""
+
+    meter: DeviationMeter
+    direction: FloatArray
+    point: FloatArray
+    limit: float
+    past_facets: bool
+    settings: SearchSettings
+
+    def against(self, samples: SurfaceSamples, arbitrary: Roundness) -> "_Rotations":
+        """Its rotations seen on some samples, beside ``arbitrary`` ones."""
+        allowed = np.zeros(len(samples))
+        if self.past_facets:
+            allowed = np.minimum(
+                _FACET_SLACK * self.meter.facets.at(samples.owners), self.settings.round_deviation * arbitrary.radius
+            )
+        reference = _excess(arbitrary.deviations.squared, allowed, self.settings.truncation).mean(0)
+        # Half a step of the order n moves no point farther than this share of the radius: more is not round enough.
+        largest = np.pi * arbitrary.radius / max(arbitrary.rms, 1e-12)
+        return _Rotations(self, samples, allowed, reference, largest)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rotations:
+    """Rotations about an axis, seen on n ``samples``.
+
+    ``allowed`` ``(n,)``: what is taken off deviations; ``reference`` ``(n,)``: squared ones of arbitrary angles;
+    ``largest``: order that can be told.
+    """
+
+    axis: _Axis
+    samples: SurfaceSamples
+    allowed: FloatArray
+    reference: FloatArray
+    largest: float
+
+    def promising(self, orders: Iterable[int]) -> list[int]:
+        """Those of some orders whose rotation is not far too bad."""
+        orders = [n for n in orders if n <= max(self.largest, _ALWAYS)]
+        if not orders or not self.reference.any():
+            return []
+        angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
+        bound = _SCREEN_FACTOR * min(self.axis.limit**2, float(self.reference.mean()))
+        deviations = self._measured(angles)
+        there = np.where(deviations.missing, 0.0, deviations.squared)
+        errors = _excess(there, self.allowed, self.axis.settings.truncation).mean(1)
+        return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= bound]
+
+    def holds(self, n: int) -> bool:
+        """Whether the rotations of an order are symmetries, and better than arbitrary ones."""
+        worst, settings = np.zeros(len(self.samples)), self.axis.settings
+        for multiple in _multiples(n).tolist():  # one at a time: the first tells most of those apart that do not hold
+            deviations = self._measured(np.array([2.0 * np.pi * multiple / n]))
+            if deviations.rms[0] > self.axis.limit:
+                return False
+            excess = _excess(deviations.squared, self.allowed, settings.truncation)[0]
+            worst = excess if excess.mean() > worst.mean() else worst
+            small = float(worst.mean()) <= _CONTRAST * float(self.reference.mean())
+            if not small and not explains_better(worst, self.reference, settings):
+                return False
+        return True
+
+    def _measured(self, angles: FloatArray) -> Deviations:
+        return self.axis.meter.measure(Operations.rotations(self.axis.direction, self.axis.point, angles), self.samples)
 
 
 def _excess(squared: FloatArray, allowed: FloatArray, truncation: float) -> FloatArray:
@@ -155,48 +224,24 @@ def explains_better(squared: FloatArray, others: FloatArray, settings: SearchSet
     return enough and float(difference.mean()) > settings.significance * spread
 
 
-def _order(
-    meter: DeviationMeter,
-    samples: SurfaceSamples,
-    direction: FloatArray,
-    point: FloatArray,
-    limit: float,
-    reference: FloatArray,
-    allowed: FloatArray,
-    largest: float,
-    settings: SearchSettings,
-) -> int:
-    few = samples.every(_SCREEN_STRIDE)
-    coarse_bound = _SCREEN_FACTOR * min(limit * limit, float(reference.mean()))
-
-    def promising(orders: list[int]) -> list[int]:
-        angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
-        screened = meter.measure(Operations.rotations(direction, point, angles), few)
-        there = np.where(screened.missing, 0.0, screened.squared)
-        errors = _excess(there, allowed[::_SCREEN_STRIDE], settings.truncation).mean(1)
-        return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= coarse_bound]
-
-    def holds(n: int) -> bool:
-        worst = np.zeros(len(samples))
-        for multiple in _multiples(n).tolist():  # one at a time: the first tells most of those apart that do not hold
-            angle = np.array([2.0 * np.pi * multiple / n])
-            deviations = meter.measure(Operations.rotations(direction, point, angle), samples)
-            if deviations.rms[0] > limit:
-                return False
-            excess = _excess(deviations.squared, allowed, settings.truncation)[0]
-            worst = excess if excess.mean() > worst.mean() else worst
-            small = float(worst.mean()) <= _CONTRAST * float(reference.mean())
-            if not small and not explains_better(worst, reference, settings):
-                return False
-        return True
-
-    order = 1
-    for prime in promising([prime for prime in _PRIMES if prime <= max(largest, _ALWAYS)]):
+def _order(screen: _Rotations, rotations: _Rotations, primes: list[int]) -> int:
+    """The order of an axis: the product of the prime powers that hold, of ``primes`` that may."""
+    if not rotations.reference.any():
+        return 1
+    order, largest = 1, rotations.axis.settings.largest_order
+    for prime in primes:
         power = prime
-        while order * prime <= settings.largest_order and (power == prime or promising([power])) and holds(power):
+        while order * prime <= largest and (power == prime or screen.promising([power])) and rotations.holds(power):
             order *= prime
             power *= prime
     return order
+
+
+def prime_rotations(direction: FloatArray, point: FloatArray) -> Operations:
+    """A rotation for each of `PRIMES` about the axis through ``point`` ``(3,)`` along the unit ``direction``."""
+    return Operations.rotations(
+        direction, point, np.array([2.0 * np.pi * _multiples(n)[0] / n for n in PRIMES.tolist()])
+    )
 
 
 @lru_cache(maxsize=512)

@@ -12,7 +12,7 @@ from model.geometry.refinement import refine, squared_distances
 from model.geometry.surface import SurfaceIndex
 from model.search.context import SearchContext
 from model.search.settings import DEFAULT
-from model.types import FloatArray
+from model.types import BoolArray, FloatArray
 
 _SAME_ANGLE, _SAME_DISTANCE = DEFAULT.same_angle, DEFAULT.same_distance
 
@@ -70,30 +70,30 @@ def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operatio
 
 def distinct(operations: Operations, errors: FloatArray) -> list[int]:
     """Indices, the best first, of operations that differ from every better one of their kind."""
+    cosines, close = _compared(operations)
     kept: list[int] = []
     for index in np.argsort(errors, kind="stable").tolist():
-        for other in kept:
-            unsettled = errors[index] > _MUCH_BETTER * errors[other]
-            if same_element(operations, index, other, _BASIN_ANGLE if unsettled else _SAME_ANGLE):
-                break
-        else:
+        unsettled = errors[index] > _MUCH_BETTER * errors[kept]
+        nearest = np.cos(np.where(unsettled, _BASIN_ANGLE, _SAME_ANGLE))
+        if not np.any(close[index, kept] & (cosines[index, kept] >= nearest)):
             kept.append(index)
     return kept
 
 
-def same_element(operations: Operations, first: int, second: int, angle: float = _SAME_ANGLE) -> bool:
-    """Whether two operations of a batch are the same one: kind, direction (to an angle) and position."""
-    if operations.improper[first] != operations.improper[second]:
-        return False
-    if abs(operations.angles[first] - operations.angles[second]) > _SAME_ANGLE:
-        return False
-    gap = operations.points[first] - operations.points[second]
-    if operations.improper[first] and operations.angles[first] > 3.0:  # inversions have no direction
-        return float(np.linalg.norm(gap)) < _SAME_DISTANCE
-    direction, other = operations.directions[first], operations.directions[second]
-    if abs(direction @ other) < np.cos(angle):
-        return False
-    if operations.improper[first]:  # planes: compared by offset
-        sign = 1.0 if direction @ other > 0 else -1.0
-        return abs(direction @ operations.points[first] - sign * other @ operations.points[second]) < _SAME_DISTANCE
-    return float(np.linalg.norm(gap - (gap @ direction) * direction)) < _SAME_DISTANCE
+def _compared(operations: Operations) -> tuple[FloatArray, BoolArray]:
+    """Cosines of the angles between elements, and which are of one kind and at one position: ``(k, k)`` both."""
+    directions, points, angles = operations.directions, operations.points, operations.angles
+    improper = operations.improper
+    inversion = improper & (angles > 3.0)
+    cosines = directions @ directions.T
+    gaps = points[:, None] - points[None]
+    along = np.einsum("ijk,ik->ij", gaps, directions)
+    length = np.square(gaps).sum(2)
+    beside = np.sqrt(np.maximum(length - np.square(along), 0.0))  # axes are compared by their distance
+    offsets = np.einsum("ij,ij->i", directions, points)
+    signs = np.where(cosines > 0.0, 1.0, -1.0)
+    shift: FloatArray = np.abs(offsets[:, None] - signs * offsets)  # planes by their offset
+    # Inversions have no direction.
+    apart = np.where(inversion[:, None], np.sqrt(length), np.where(improper[:, None], shift, beside))
+    kind = (improper[:, None] == improper[None]) & (np.abs(angles[:, None] - angles[None]) <= _SAME_ANGLE)
+    return np.where(inversion[:, None], 1.0, np.abs(cosines)), kind & (apart < _SAME_DISTANCE)

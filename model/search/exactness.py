@@ -7,29 +7,25 @@ none of these.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from model.geometry.frames import along_segments
 from model.geometry.operations import Operations
 from model.geometry.surface import SurfaceIndex
+from model.geometry.topology import duplicate_vertex_map
 from model.search.facets import Facets
+from model.search.features import Features, Look
 from model.search.hypothesis import Hypothesis
 from model.symmetries import Patch
 from model.types import BoolArray, FloatArray, IntArray
 
-_MOST_FEATURES = 24_000
-_SLACK = 1.25
-"""Where facets are the only disagreement, the fit that balances them adds to it."""
-
 _RELATIVE = 1e-6
-_ON_EDGE = 1e-6
 _CELL = 0.05
 """Points that deviate nearer to each other than this, unit frame, are one patch."""
 
 _MOST_PATCHES = 8
 _MOST_CHECKED, _MOST_ELEMENTS = 400, 16
+_SAME_MATRIX = 1e-9
 _MANY_VALUES = 300
 _FINEST_STEP = 0.005
 _SINGLE = 2.0**-23
@@ -45,65 +41,25 @@ class ExactnessTest:
     """
 
     def __init__(self, surface: SurfaceIndex, facets: Facets, resolution: float) -> None:
-        self._surface, self._facets = surface, facets
-        self._vertices, self._faces = facets.vertices, facets.faces
-        self._base = _RELATIVE + 2.0 * resolution
-
-    @cached_property
-    def _features(self) -> tuple[FloatArray, FloatArray]:
-        """Vertices, middles of edges and of faces ``(m, 3)``, each once, and the sagitta at each ``(m,)``."""
-        vertices = self._vertices
-        of_face, at_vertex = self._facets.sagittas
-        stride = max(1, -(-4 * len(self._faces) // _MOST_FEATURES))
-        chosen = self._facets.first[self._faces[::stride]]
-        corner = np.unique(chosen)
-        edges = np.unique(
-            np.sort(np.stack([chosen, np.roll(chosen, -1, axis=1)], axis=2).reshape(-1, 2), axis=1), axis=0
-        )
-        points = np.concatenate([vertices[corner], vertices[edges].mean(1), vertices[chosen].mean(1)])
-        return points, np.concatenate([at_vertex[corner], at_vertex[edges].min(1), of_face[::stride]])
+        self.features = Features(surface, facets, _RELATIVE + 2.0 * resolution)
 
     def exact(self, hypothesis: Hypothesis) -> "Verdict":
         """Test a group: by its generators, and where one does not hold by its elements, too."""
-        points, sagittas = self._features
         generators = hypothesis.measured_operations if not len(hypothesis.matrices) else hypothesis.generators
-        broken = np.zeros(len(points), dtype=np.bool_)
-        largest = 0.0
-        for operations in (generators, hypothesis.elements[:_MOST_ELEMENTS]):
+        largest, looks = 0.0, list[Look]()
+        others = hypothesis.elements[:_MOST_ELEMENTS]
+        repeated = np.abs(others.matrices[:, None] - generators.matrices[None]).max((2, 3)) < _SAME_MATRIX
+        for operations in (generators, others[~repeated.any(1)]):
             for k in range(len(operations)):
-                deviation, allowed = self._deviations(sagittas, operations[[k]].apply(points)[0])
-                bad = deviation > allowed
-                largest = max(largest, float(np.where(bad, 0.0, deviation).max()))
-                broken |= bad
-            if not broken.any():
+                look = self.features.look(operations[[k]])
+                largest = max(largest, float(np.where(look.bad, 0.0, look.deviations).max()))
+                looks += [look] if look.bad.any() else []
+            if not looks:
                 break
-        return Verdict(self, hypothesis, points[broken], sagittas[broken], largest)
-
-    def _deviations(self, sagittas: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Deviations of images ``(m, 3)`` of points with sagittas ``(m,)``, and what each may be: ``(m,)`` both."""
-        of_face, at_vertex = self._facets.sagittas
-        closest, squared, hit = self._surface.closest(images)
-        allowed = self._base + _SLACK * np.maximum(sagittas, of_face[hit])
-        # A flat face beside a rounded rim is cut along chords: there the rim's sagitta counts.
-        corners = self._vertices[self._faces[hit]]
-        at_corner = at_vertex[self._faces[hit]]
-        for k in range(3):
-            share, gap = along_segments(closest, corners[:, k], corners[:, (k + 1) % 3])
-            on_edge = gap < _ON_EDGE**2
-            rim = np.where(
-                share < 1e-6, at_corner[:, k], np.where(share > 1.0 - 1e-6, at_corner[:, (k + 1) % 3],
-                np.minimum(at_corner[:, k], at_corner[:, (k + 1) % 3])),
-            )  # fmt: skip
-            allowed = np.maximum(allowed, np.where(on_edge, self._base + _SLACK * rim, 0.0))
-        return np.sqrt(squared), allowed
-
-    def breaking(
-        self, points: FloatArray, sagittas: FloatArray, operation: Operations
-    ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Images of points ``(m, 3)`` with sagittas ``(m,)``, their deviations, and which of these are too large."""
-        images = operation.apply(points)[0]
-        deviation, allowed = self._deviations(sagittas, images)
-        return images, deviation, deviation > allowed
+        points = np.concatenate([np.zeros((0, 3)), *(look.points[look.bad] for look in looks)])
+        sagittas = np.concatenate([np.zeros(0), *(look.sagittas[look.bad] for look in looks)])
+        once = np.unique(duplicate_vertex_map(points))
+        return Verdict(self.features, hypothesis, points[once], sagittas[once], largest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +69,7 @@ class Verdict:
     ``largest``: the largest deviation of all other points.
     """
 
-    test: ExactnessTest
+    features: Features
     hypothesis: Hypothesis
     points: FloatArray
     sagittas: FloatArray
@@ -130,8 +86,8 @@ class Verdict:
         if not self.exact:
             points, sagittas = self._thinned(_MOST_CHECKED)
             for k in range(len(operations)):
-                _, deviation, bad = self.test.breaking(points, sagittas, operations[[k]])
-                largest[k], fits[k] = max(self.largest, float(deviation.max())), not bad.any()
+                look = self.features.measure(points, sagittas, operations[[k]])
+                largest[k], fits[k] = max(self.largest, float(look.deviations.max())), not look.bad.any()
         return largest, fits
 
     def _thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
@@ -149,19 +105,18 @@ class Verdict:
         elements = self.hypothesis.measured_operations
         elements = elements[:: -(-len(elements) // _MOST_ELEMENTS)]
         points, sagittas = self._thinned(_MOST_CHECKED)
-        parts = [self.test.breaking(points, sagittas, elements[[k]]) for k in range(len(elements))]
-        sources = np.concatenate([points[bad] for _, _, bad in parts])
-        if not len(sources):
+        looks = [self.features.measure(points, sagittas, elements[[k]]) for k in range(len(elements))]
+        which, index = np.nonzero(np.stack([look.bad for look in looks]))
+        if not len(index):
             return []
-        images = np.concatenate([image[bad] for image, _, bad in parts])
-        deviations = np.concatenate([deviation[bad] for _, deviation, bad in parts])
-        which = np.concatenate([np.full(int(part[2].sum()), k, dtype=np.int32) for k, part in enumerate(parts)])
+        deviations = np.stack([look.deviations for look in looks])[which, index]
+        sources, images = points[index], elements.apply(points)[which, index]
         labels = _clusters(np.concatenate([sources, images]))
         ends = np.stack([labels[: len(sources)], labels[len(sources) :]], axis=1)
         left = np.ones(len(sources), dtype=np.bool_)
         patches: list[Patch] = []
         while left.any() and len(patches) < _MOST_PATCHES:
-            best = _most_telling(ends[left], which[left], deviations[left])
+            best = _most_telling(ends[left], which[left].astype(np.int32), deviations[left])
             here = left & (ends == best).any(1)
             present = bool((ends[here, 0] == best).sum() >= (ends[here, 1] == best).sum())
             places = (sources if present else images)[here & (ends[:, 0 if present else 1] == best)]

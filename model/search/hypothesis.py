@@ -18,6 +18,8 @@ _MEASUREMENTS = 1000
 
 _CLOSE_SCALE, _EXACT_SCALE = 0.02, 1e-7
 _EXACT_DISTANCE, _AS_GOOD = 1e-6, 1.5
+_SETTLING = 1e-3
+"""Where half of the points deviate by more, no place nearby takes most of them onto the surface exactly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,8 +159,13 @@ class Hypothesis:
         Features without a counterpart pull a little even where they hardly count. Where most images lie on the surface
         to rounding, the rest has no say at all.
         """
-        operations = self._fit_operations
+        operations = self.generators
         if not len(operations):
+            return self
+        squared = self._squared_distances(context, points)
+        share = _exact_share(squared)
+        # Where all fits already or hardly anything does, there is nothing to settle.
+        if share == 1.0 or np.median(squared) > _SETTLING**2:
             return self
         frame, centre = refine_frame(
             context.surface,
@@ -174,13 +181,12 @@ class Hypothesis:
             step_tolerance=1e-14,
         )
         settled = Hypothesis(self.group, frame, centre, missing=self.missing).measured(context)
-        better = settled._exact_share(context, points) > self._exact_share(context, points)
+        better = _exact_share(settled._squared_distances(context, points)) > share
         return settled if better and settled.rms <= _AS_GOOD * self.rms + _EXACT_DISTANCE else self
 
-    def _exact_share(self, context: SearchContext, points: FloatArray) -> float:
-        """How many of some points ``(n, 3)`` the operations take to the surface as exactly as a file can say."""
-        squared = squared_distances(context.surface, points, self.measured_operations)
-        return float((squared < _EXACT_DISTANCE**2).mean())
+    def _squared_distances(self, context: SearchContext, points: FloatArray) -> FloatArray:
+        """Of the images of points ``(n, 3)`` under the operations measured: ``(k, n)``."""
+        return squared_distances(context.surface, points, self.measured_operations)
 
     @property
     def _halfway(self) -> Operations:
@@ -198,6 +204,11 @@ class Hypothesis:
 def trivial() -> Hypothesis:
     """No symmetry at all, about the centroid of the surface: through it every exact element passes."""
     return Hypothesis(point_group("C1"), np.eye(3), np.zeros(3))
+
+
+def _exact_share(squared: FloatArray) -> float:
+    """The share of squared distances that are as small as a file can say."""
+    return float((squared < _EXACT_DISTANCE**2).mean())
 
 
 def _elements(group: PointGroup) -> Operations:

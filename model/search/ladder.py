@@ -12,7 +12,7 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine
 from model.search import closure
-from model.search.axis_order import rotation_order
+from model.search.axis_order import PRIMES, prime_rotations, rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
@@ -183,8 +183,10 @@ class Ladder:
         best = int(np.argmin(scores))
         precise = tolerance <= context.settings.modelling_precision
         whole = precise or context.meter.closed
-        if scores[best] > (context.settings.promising_exact if whole else context.settings.promising_axis):
+        promising = context.settings.promising_exact if whole else context.settings.promising_axis
+        if scores[best] > promising:
             return False
+        primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= promising]
         direction, point = line, group.centre
         samples = context.samples.every(3) if precise else context.judging
         tried = {order, 1}
@@ -202,6 +204,7 @@ class Ladder:
                 direction,
                 point,
                 limit=limit,
+                primes=primes,
                 past_facets=past_facets,
                 settings=context.settings,
             )

@@ -1,0 +1,203 @@
+"""Which images of surface points lie where nobody saw the surface: see `model.geometry.open_boundary`.
+
+Everything is in the axes of the tree.
+"""
+
+import numpy as np
+
+from model._jit import jit, jit_allocating
+from model.geometry._bvh import FANOUT, LANES, STACK
+from model.geometry._bvh_query import closest_on, nearest
+from model.geometry._bvh_within import leaf_within
+from model.types import BoolArray, FloatArray, IntArray
+
+
+@jit_allocating
+def find_missing(
+    samples: FloatArray,
+    sample_normals: FloatArray,
+    fixed: FloatArray,
+    linear: FloatArray,
+    near: float,
+    plausible: float,
+    share: float,
+    one_sided: bool,
+    sideways: float,
+    on_edge: float,
+    probe: float,
+    closed: float,
+    corners: FloatArray,
+    normals: FloatArray,
+    open_edge: BoolArray,
+    open_corner: BoolArray,
+    owners: IntArray,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    squared: FloatArray,
+    missing: BoolArray,
+) -> None:
+    """Fill ``squared`` ``(k, n)`` with squared distances of all images, and ``missing`` ``(k, n)``.
+
+    Lengths come as they are compared: ``near``, ``plausible``, ``on_edge`` and ``closed`` squared.
+    """
+    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
+    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    image, turned, ordered = np.empty((len(samples), 3)), np.empty(3), np.empty(len(samples))
+    lanes = np.empty(len(samples), dtype=np.int64)
+    away, outward, place = np.empty(3), np.empty(3), np.empty(3)
+    seed = 0
+    for k in range(squared.shape[0]):
+        for i in range(squared.shape[1]):
+            for a in range(3):
+                image[i, a] = fixed[k, a]
+                for b in range(3):
+                    image[i, a] += linear[k, a, b] * (samples[i, b] - fixed[k, b])
+            squared[k, i], lanes[i] = nearest(
+                image[i, 0],
+                image[i, 1],
+                image[i, 2],
+                seed,
+                np.inf,
+                boxes,
+                children,
+                frames,
+                waiting,
+                waiting_squared,
+                child_squared,
+                leaf_squared,
+            )
+            seed = lanes[i] // LANES
+            ordered[i] = squared[k, i]
+        ordered.sort()
+        believable = len(samples) > 0 and ordered[int(share * (len(samples) - 1))] <= plausible
+        for i in range(squared.shape[1]):
+            missing[k, i] = False
+            if not believable or squared[k, i] <= near:
+                continue
+            lane = lanes[i]
+            owner = owners[lane]
+            x, y, z = closest_on(image[i, 0], image[i, 1], image[i, 2], lane, frames)
+            place[0], place[1], place[2] = x, y, z
+            height, facing = 0.0, 0.0
+            for a in range(3):
+                away[a] = image[i, a] - place[a]
+                height += away[a] * normals[owner, a]
+                turned[a] = 0.0
+                for b in range(3):
+                    turned[a] += linear[k, a, b] * sample_normals[i, b]
+                facing += turned[a] * normals[owner, a]
+            distance = np.sqrt(squared[k, i])
+            if height < -0.5 * distance and (one_sided or facing < 0.5):
+                missing[k, i] = True
+                continue
+            length = 0.0
+            for a in range(3):
+                outward[a] = away[a] - height * normals[owner, a]
+                length += outward[a] * outward[a]
+            length = np.sqrt(length)
+            if length <= sideways * distance and height >= 0.0:
+                continue
+            if not _on_open_edge(place, corners[owner], open_edge[owner], open_corner[owner], on_edge):
+                continue
+            for a in range(3):
+                outward[a] /= max(length, 1e-300)
+            missing[k, i] = not _goes_on(
+                place,
+                outward,
+                normals[owner],
+                probe,
+                closed,
+                int(lane // LANES),
+                turned,
+                boxes,
+                children,
+                frames,
+                waiting,
+                child_squared,
+                leaf_squared,
+            )
+
+
+@jit
+def _on_open_edge(
+    place: FloatArray, corners: FloatArray, open_edge: BoolArray, open_corner: BoolArray, near: float
+) -> bool:
+    """Whether a point of a face lies on one of its open edges, or on a corner where one ends."""
+    for k in range(3):
+        if not (open_edge[k] or open_corner[k]):
+            continue
+        dot, square, at_corner = 0.0, 0.0, 0.0
+        for a in range(3):
+            along = corners[(k + 1) % 3, a] - corners[k, a]
+            arm = place[a] - corners[k, a]
+            dot += along * arm
+            square += along * along
+            at_corner += arm * arm
+        if open_corner[k] and at_corner < near:
+            return True
+        if open_edge[k]:
+            share = min(max(dot / max(square, 1e-300), 0.0), 1.0)
+            gap = 0.0
+            for a in range(3):
+                foot = corners[k, a] + share * (corners[(k + 1) % 3, a] - corners[k, a])
+                gap += (place[a] - foot) * (place[a] - foot)
+            if gap < near:
+                return True
+    return False
+
+
+@jit
+def _goes_on(
+    place: FloatArray,
+    outward: FloatArray,
+    normal: FloatArray,
+    probe: float,
+    closed: float,
+    seed: int,
+    across: FloatArray,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    waiting: IntArray,
+    child_squared: FloatArray,
+    leaf_squared: FloatArray,
+) -> bool:
+    """Whether the surface goes on beyond a point of an open edge: straight on, folded, or as a face across.
+
+    Faces that meet without sharing vertices leave open edges that are none. Where one of them stands across, it
+    does so on both sides of the point; a rim that crosses a fold has it on one. ``across`` ``(3,)`` is scratch.
+    """
+    across[0] = outward[1] * normal[2] - outward[2] * normal[1]
+    across[1] = outward[2] * normal[0] - outward[0] * normal[2]
+    across[2] = outward[0] * normal[1] - outward[1] * normal[0]
+    diagonal = 0.5**0.5
+    before = False
+    for number in range(7):
+        if number < 3:  # straight on, or folded up or down by 45 degrees
+            turn = 0.0 if number == 0 else (1.0 if number == 1 else -1.0)
+            ahead, up, beside = (1.0, 0.0, 0.0) if number == 0 else (diagonal, turn * diagonal, 0.0)
+        else:  # across, above and below, on one side and the other
+            ahead, up, beside = 0.0, 1.0 if number < 5 else -1.0, 4.0 if number % 2 == 1 else -4.0
+        found = (
+            leaf_within(
+                place[0] + probe * (ahead * outward[0] + up * normal[0] + beside * across[0]),
+                place[1] + probe * (ahead * outward[1] + up * normal[1] + beside * across[1]),
+                place[2] + probe * (ahead * outward[2] + up * normal[2] + beside * across[2]),
+                seed,
+                closed,
+                boxes,
+                children,
+                frames,
+                waiting,
+                child_squared,
+                leaf_squared,
+            )
+            >= 0
+        )
+        if number < 3 and found:
+            return True
+        if number in (4, 6) and before and found:
+            return True
+        before = found
+    return False

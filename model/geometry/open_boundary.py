@@ -1,0 +1,111 @@
+"""Where a surface ends without having been seen to end: its open boundary, and which points lie beyond it."""
+
+import numpy as np
+
+from model._jit import kernel_array
+from model.geometry import _boundary_kernels as _kernels
+from model.geometry.frames import face_normals
+from model.geometry.operations import Operations, linear_parts
+from model.geometry.surface import SurfaceIndex
+from model.geometry.topology import open_edges
+from model.types import BoolArray, FloatArray, IntArray
+
+_PROBE = 5e-4
+"""How far beyond an edge surface is looked for, unit frame."""
+
+_CLOSED = 0.6
+"""Surface within this part of the probe's length closes the edge."""
+
+_ON_EDGE = 1e-7
+_PLAUSIBLE_SHARE, _PLAUSIBLE_DISTANCE = 0.3, 0.03
+"""Where fewer images lie near the surface, no missing part is to blame."""
+
+_SIDEWAYS = 0.5
+"""The way from an open boundary to a point beyond it lies mostly along the surface: its cosine to it at least."""
+
+_ONE_SIDED = 0.25
+"""Length of the mean normal, weighted by area, above which a surface was seen from one side only. It is 0 for a closed
+surface and some 0.5 for a depth image."""
+
+
+class OpenBoundary:
+    """The open edges of a surface in the unit frame, and what they say about points off it.
+
+    Args:
+        surface: its index.
+        vertices: ``(v, 3)``, unit frame.
+        faces: ``(f, 3)``.
+        first: for every vertex the first one at its place, ``(v,)``.
+    """
+
+    def __init__(self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, first: IntArray) -> None:
+        self._surface = surface
+        self._edges = open_edges(first, faces)
+        self.is_empty = not self._edges.any()
+        if self.is_empty:
+            return
+        self._one_sided = _mean_normal(vertices, faces) > _ONE_SIDED
+        turned = surface.to_tree(vertices)
+        self._corners = turned[faces]
+        self._normals = face_normals(turned, faces)
+        self._ends = _open_corners(self._edges, faces, first)[faces]
+
+    def distances(
+        self, points: FloatArray, normals: FloatArray, operations: Operations, near: float
+    ) -> tuple[FloatArray, BoolArray]:
+        """Squared distances of images from the surface, and which of them lie where it was not seen: ``(k, n)`` both.
+
+        Either the closest point of the surface is on an open edge, and the way there runs along the surface or
+        behind it, not away from it. Or the image is behind the closest face, and looks another way: the other side of
+        a solid part one side of which is there. Of a surface seen from one side the space behind it counts as unseen
+        too.
+
+        Args:
+            points: ``(n, 3)`` of the surface.
+            normals: ``(n, 3)`` of the surface there.
+            operations: k of them.
+            near: images nearer than this are not asked.
+        """
+        surface = self._surface
+        squared = np.empty((len(operations), len(points)))
+        missing = np.zeros(squared.shape, dtype=np.bool_)
+        linear = linear_parts(surface.to_tree(operations.directions), operations.angles, operations.improper)
+        _kernels.find_missing(
+            surface.to_tree(points),
+            surface.to_tree(normals),
+            surface.to_tree(operations.points),
+            linear,
+            near * near,
+            _PLAUSIBLE_DISTANCE**2,
+            _PLAUSIBLE_SHARE,
+            self._one_sided,
+            _SIDEWAYS,
+            _ON_EDGE**2,
+            _PROBE,
+            (_CLOSED * _PROBE) ** 2,
+            kernel_array(self._corners, np.float64),
+            kernel_array(self._normals, np.float64),
+            self._edges,
+            self._ends,
+            surface.owners,
+            *surface.tree,
+            squared,
+            missing,
+        )
+        surface.require_work()
+        return squared, missing
+
+
+def _open_corners(edges: BoolArray, faces: IntArray, first: IntArray) -> BoolArray:
+    """Which vertices are an end of an open edge, ``(v,)``; of vertices at one place all are."""
+    result = np.zeros(len(first), dtype=np.bool_)
+    for k in range(3):
+        result[first[faces[edges[:, k]][:, [k, (k + 1) % 3]].ravel()]] = True
+    return result[first]
+
+
+def _mean_normal(vertices: FloatArray, faces: IntArray) -> float:
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.sqrt(np.square(normals).sum(1)).sum()
+    return float(np.linalg.norm(normals.sum(0)) / area) if area > 0.0 else 0.0

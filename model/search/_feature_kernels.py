@@ -1,0 +1,107 @@
+"""Deviations of features of a mesh, and what the facets at either end leave open: see `model.search.exactness`.
+
+Everything is in the axes of the tree.
+"""
+
+import numpy as np
+
+from model._jit import jit, jit_allocating
+from model.geometry._bvh import FANOUT, LANES, STACK
+from model.geometry._bvh_query import closest_on, nearest
+from model.types import FloatArray, IntArray
+
+_AT_END = 1e-6
+
+
+@jit_allocating
+def feature_deviations(
+    points: FloatArray,
+    sagittas: FloatArray,
+    fixed: FloatArray,
+    linear: FloatArray,
+    slack: float,
+    base: float,
+    on_edge: float,
+    corners: FloatArray,
+    of_face: FloatArray,
+    at_corner: FloatArray,
+    numbers: IntArray,
+    owners: IntArray,
+    boxes: FloatArray,
+    children: IntArray,
+    frames: FloatArray,
+    deviations: FloatArray,
+    allowed: FloatArray,
+    coinciding: IntArray,
+) -> None:
+    """Fill ``deviations`` and ``allowed`` ``(m,)`` for the images ``R (p - f) + f`` of points ``(m, 3)``.
+
+    ``coinciding`` ``(m,)``: the number of the corner that an image coincides with to ``base``, or -1.
+    """
+    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
+    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    image, place = np.empty(3), np.empty(3)
+    seed = 0
+    for i in range(len(points)):
+        for a in range(3):
+            image[a] = fixed[a]
+            for b in range(3):
+                image[a] += linear[a, b] * (points[i, b] - fixed[b])
+        squared, lane = nearest(
+            image[0],
+            image[1],
+            image[2],
+            seed,
+            np.inf,
+            boxes,
+            children,
+            frames,
+            waiting,
+            waiting_squared,
+            child_squared,
+            leaf_squared,
+        )
+        seed = lane // LANES
+        owner = owners[lane]
+        place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, frames)
+        sagitta = max(sagittas[i], of_face[owner], _rim(place, corners[owner], at_corner[owner], on_edge))
+        coinciding[i] = -1
+        for k in range(3):
+            gap = 0.0
+            for a in range(3):
+                gap += (image[a] - corners[owner, k, a]) ** 2
+            if gap <= base * base:
+                coinciding[i] = numbers[owner, k]
+        deviations[i], allowed[i] = np.sqrt(squared), base + slack * sagitta
+
+
+@jit
+def _rim(place: FloatArray, corners: FloatArray, at_corner: FloatArray, near: float) -> float:
+    """The sagitta of the rim that a point of a face lies on: of an edge the smaller one of its ends; 0 off all edges.
+
+    A flat face beside a rounded rim is cut along chords: there the rim's sagitta counts.
+    """
+    result = 0.0
+    for k in range(3):
+        other = (k + 1) % 3
+        if max(at_corner[k], at_corner[other]) <= result:
+            continue
+        dot, square = 0.0, 0.0
+        for a in range(3):
+            along = corners[other, a] - corners[k, a]
+            dot += along * (place[a] - corners[k, a])
+            square += along * along
+        share = dot / max(square, 1e-300)
+        clipped, gap = min(max(share, 0.0), 1.0), 0.0
+        for a in range(3):
+            off = place[a] - corners[k, a] - clipped * (corners[other, a] - corners[k, a])
+            gap += off * off
+        if gap < near:
+            if share < _AT_END:
+                sagitta = at_corner[k]
+            elif share > 1.0 - _AT_END:
+                sagitta = at_corner[other]
+            else:
+                sagitta = min(at_corner[k], at_corner[other])
+            result = max(result, sagitta)
+    return result

@@ -1,0 +1,161 @@
+"""Every vertex, edge and face of a mesh, looked at under a symmetry operation."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from model._jit import kernel_array
+from model.geometry._bvh_query import morton_order
+from model.geometry.operations import Operations, linear_parts
+from model.geometry.surface import SurfaceIndex
+from model.search._feature_kernels import feature_deviations
+from model.search.facets import Facets
+from model.types import AnyArray, BoolArray, FloatArray, IntArray
+
+_MOST_FACES = 6_000
+_SLACK = 1.25
+"""Where facets are the only disagreement, the fit that balances them adds to it."""
+
+_ON_EDGE = 1e-6
+_FIRST_LOOK, _BROKEN_ALL_OVER = 8, 0.25
+"""Where so large a share of every eighth feature breaks an operation, the others are not looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What an operation does to m features.
+
+    ``points`` ``(m, 3)``, the ``sagittas`` of the facets there ``(m,)``, the ``deviations`` of their images ``(m,)``,
+    and where these are ``bad``, larger than the facets at both ends allow. ``images`` ``(m,)``: the vertex that each
+    image coincides with, -1 for none.
+    """
+
+    points: FloatArray
+    sagittas: FloatArray
+    deviations: FloatArray
+    bad: BoolArray
+    images: IntArray
+
+    def __add__(self, other: "Look") -> "Look":
+        return Look(
+            np.concatenate([self.points, other.points]),
+            np.concatenate([self.sagittas, other.sagittas]),
+            np.concatenate([self.deviations, other.deviations]),
+            np.concatenate([self.bad, other.bad]),
+            np.concatenate([self.images, other.images]),
+        )
+
+
+class Features:
+    """The vertices, middles of edges and of faces of a mesh in the unit frame; of a large one some of them.
+
+    Args:
+        surface: its index.
+        facets: the mesh.
+        allowed: what every feature may deviate by, besides what facets leave open.
+    """
+
+    def __init__(self, surface: SurfaceIndex, facets: Facets, allowed: float) -> None:
+        self._surface, self._facets, self._allowed = surface, facets, allowed
+        self._vertices, self._first = facets.vertices, facets.first
+        stride = -(-len(facets.faces) // _MOST_FACES)
+        centroids = surface.to_tree(facets.vertices[facets.faces[::stride]].mean(1))
+        self._chosen = np.arange(0, len(facets.faces), stride, dtype=np.int32)[morton_order(centroids)]
+
+    def look(self, operation: Operations) -> Look:
+        """What one operation (a batch of one) does to the features; to part of them where that says enough.
+
+        A face whose corners go to the corners of a face is there as a whole; only of others the edges and middles
+        are looked at.
+        """
+        few = self._chosen[::_FIRST_LOOK]
+        first = self._at_vertices(self._corners_of(few), operation) + self._at_faces(few, operation)
+        if first.bad.mean() > _BROKEN_ALL_OVER:
+            return first
+        corners = self._corners_of(self._chosen)
+        whole = self._at_vertices(corners, operation)
+        image = np.full(len(self._vertices), -1, dtype=np.int32)
+        image[corners] = whole.images
+        left = self._chosen[~self._is_face(image[self._first[self._facets.faces[self._chosen]]])]
+        return whole + self._at_edges(left, operation) + self._at_faces(left, operation)
+
+    def measure(self, points: FloatArray, sagittas: FloatArray, operation: Operations) -> Look:
+        """What an operation does to some points ``(m, 3)`` of the surface with sagittas ``(m,)``."""
+        surface = self._surface
+        deviations, allowed = np.empty(len(points)), np.empty(len(points))
+        images = np.empty(len(points), dtype=np.int32)
+        linear = linear_parts(surface.to_tree(operation.directions), operation.angles, operation.improper)
+        feature_deviations(
+            surface.to_tree(points),
+            kernel_array(sagittas, np.float64),
+            surface.to_tree(operation.points)[0],
+            linear[0],
+            _SLACK,
+            self._allowed,
+            _ON_EDGE**2,
+            *self._tables,
+            surface.owners,
+            *surface.tree,
+            deviations,
+            allowed,
+            images,
+        )
+        surface.require_work()
+        return Look(points, sagittas, deviations, deviations > allowed, images)
+
+    @cached_property
+    def _tables(self) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Of all faces the corners ``(f, 3, 3)``, in the axes of the tree, and what the kernel has to know about them.
+
+        These are their sagittas ``(f,)``, those at the corners ``(f, 3)``, and the corners' numbers ``(f, 3)``.
+        """
+        of_face, at_vertex = self._facets.sagittas
+        faces = self._facets.faces
+        corners = self._surface.to_tree(self._vertices)[faces]
+        numbers = kernel_array(self._first[faces], np.int32)
+        return corners, kernel_array(of_face, np.float64), at_vertex[faces], numbers
+
+    def _corners_of(self, faces: IntArray) -> IntArray:
+        """The vertices of some faces, each once, in the order in which the faces have them."""
+        corners = self._first[self._facets.faces[faces]].ravel()
+        _, at = np.unique(corners, return_index=True)
+        return np.asarray(corners[np.sort(at)])
+
+    def _at_vertices(self, corners: IntArray, operation: Operations) -> Look:
+        return self.measure(self._vertices[corners], self._facets.sagittas[1][corners], operation)
+
+    def _at_faces(self, faces: IntArray, operation: Operations) -> Look:
+        middles = self._vertices[self._facets.faces[faces]].mean(1)
+        return self.measure(middles, self._facets.sagittas[0][faces], operation)
+
+    def _at_edges(self, faces: IntArray, operation: Operations) -> Look:
+        corners = self._first[self._facets.faces[faces]]
+        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        _, once = np.unique(_keys(np.sort(ends, axis=1), len(self._vertices)), return_index=True)
+        ends = ends[np.sort(once)]
+        return self.measure(self._vertices[ends].mean(1), self._facets.sagittas[1][ends].min(1), operation)
+
+    def _is_face(self, corners: IntArray) -> BoolArray:
+        """Which triples of vertices ``(m, 3)``, -1 for none, are the corners of a face: ``(m,)``."""
+        known = self._known_faces
+        if not len(known):
+            return np.zeros(len(corners), dtype=np.bool_)
+        keys = _keys(np.sort(corners, axis=1), len(self._vertices))
+        place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+        return np.asarray((known[place] == keys) & (corners >= 0).all(1))
+
+    @cached_property
+    def _known_faces(self) -> AnyArray:
+        """A number for each face, sorted; none of a mesh with so many vertices that numbers would overflow."""
+        if len(self._vertices) > 2**21:
+            return np.zeros(0, dtype=np.int64)
+        return np.sort(_keys(np.sort(self._first[self._facets.faces], axis=1), len(self._vertices)))
+
+
+def _keys(rows: IntArray, base: int) -> AnyArray:
+    """One number for each row of vertex numbers below ``base``."""
+    result: AnyArray = rows[:, 0].astype(np.int64)
+    for column in range(1, rows.shape[1]):
+        result = result * base + rows[:, column]
+    return result
