@@ -222,6 +222,7 @@ def _plane(plane: "Plane") -> schemas.Plane:
         rms_distance=float(plane.rms_distance),
         max_distance=float(plane.max_distance),
         coverage=float(plane.coverage),
+        confidence=plane.confidence,
         exact=bool(plane.exact),
         continuous=bool(plane.continuous),
     )
@@ -238,6 +239,7 @@ def _axis(axis: "Axis") -> schemas.Axis:
         rms_distance=float(axis.rms_distance),
         max_distance=float(axis.max_distance),
         coverage=float(axis.coverage),
+        confidence=axis.confidence,
         exact=bool(axis.exact),
     )
 
@@ -252,6 +254,7 @@ def _level(level: "Level") -> schemas.Level:
         missing=level.missing,
         exact=level.exact,
         chosen=level.chosen,
+        confidence=level.confidence,
         breaks=[
             schemas.Patch(
                 center=_numbers(patch.center), size=patch.size, max_distance=patch.max_distance, present=patch.present

@@ -29,6 +29,9 @@ class Schema(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+_CONFIDENCE = "Probability that it is a symmetry of the intact shape; null in paper mode."
+
+
 class Plane(Schema):
     """A mirror plane: the points x with normal·x + offset = 0."""
 
@@ -44,6 +47,7 @@ class Plane(Schema):
     rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
     max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
     coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
+    confidence: float | None = Field(ge=0, le=1, description=_CONFIDENCE)
     exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
     continuous: bool = Field(description="Belongs to a continuous axis, every plane through which is a symmetry.")
 
@@ -64,6 +68,7 @@ class Axis(Schema):
     rms_distance: float = Field(ge=0, description="Root of the mean squared distance, input units.")
     max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
     coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
+    confidence: float | None = Field(ge=0, le=1, description=_CONFIDENCE)
     exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
 
 
@@ -175,6 +180,7 @@ class Level(Schema):
     missing: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is beyond a boundary.")
     exact: bool | None = Field(description="It holds everywhere, up to what the file promises; null if not tested.")
     chosen: bool
+    confidence: float = Field(ge=0, le=1, description="Probability that it is a group of the intact shape.")
     breaks: list[Patch] = Field(description="Where the chosen level does not hold, the largest deviation first.")
 
 

@@ -20,7 +20,8 @@ class Plane:
     ``symmetry_error`` is the SDE (unit frame, squared) over the surface whose counterpart is not missing,
     ``rms_distance`` its root in input units, ``max_distance`` the largest deviation seen, ``coverage`` the share of the
     surface whose counterpart is there and fits. ``exact``: symmetric everywhere, up to what the file itself promises.
-    ``continuous``: one of a family through a continuous axis.
+    ``continuous``: one of a family through a continuous axis. ``confidence``: the probability that it is a symmetry of
+    the intact shape, None in paper mode.
     """
 
     normal: FloatArray
@@ -32,6 +33,7 @@ class Plane:
     continuous: bool
     max_distance: float = 0.0
     coverage: float = 1.0
+    confidence: float | None = None
 
     @property
     def matrix(self) -> FloatArray:
@@ -52,6 +54,7 @@ class Axis:
     exact: bool
     max_distance: float = 0.0
     coverage: float = 1.0
+    confidence: float | None = None
 
     @property
     def matrix(self) -> FloatArray | None:
@@ -93,7 +96,8 @@ class Level:
 
     It needs a tolerance (RMS deviation) of ``rms_distance``, the next larger one of ``next_rms_distance``, input units;
     None above the last. ``missing``: share of the surface whose counterpart lies beyond an open boundary. ``exact`` is
-    None where it was not tested. ``breaks``: where it does not hold, of the ``chosen`` level.
+    None where it was not tested. ``breaks``: where it does not hold, of the ``chosen`` level. ``confidence``: the
+    probability that it is a group of the intact shape.
     """
 
     point_group: str
@@ -104,6 +108,7 @@ class Level:
     missing: float
     exact: bool | None
     chosen: bool
+    confidence: float
     breaks: list[Patch] = field(default_factory=list[Patch])
 
 

@@ -38,7 +38,7 @@ from model.search.answer import LevelChoice, answer
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, resolution_of
-from model.search.full import Sources, find_symmetries
+from model.search.full import Found, Sources, find_symmetries
 from model.search.settings import DEFAULT
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
@@ -146,14 +146,49 @@ class Detector:
         sources: Sources,
         timings: dict[str, float],
     ) -> Symmetries:
+        context, proposals, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
+        mark = time.perf_counter()
+        result = answer(
+            context,
+            found,
+            SurfaceSamples.drawn(vertices, faces, DEFAULT.report_samples, seed=0),
+            ExactnessTest(context.surface, context.meter.facets, resolution),
+            choice,
+            proposals,
+        )
+        timings["validate"] = _since(mark)
+        return result
+
+    def search(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        max_error: float = MAX_ERROR,
+        *,
+        sources: Sources = ALL_SOURCES,
+        timings: dict[str, float] | None = None,
+    ) -> tuple[SearchContext, Proposals | None, Found]:
+        """All that full mode finds, before one level is chosen and judged: for studies of the judgement.
+
+        Args:
+            vertices: ``(v, 3)`` float64, unit frame.
+            faces: ``(f, 3)`` int32.
+            max_error: largest accepted symmetry error.
+            sources: where candidates come from.
+            timings: if given, ``voxelize``, ``infer`` and ``refine`` are filled in, in milliseconds.
+
+        Returns:
+            what it was searched with, the network's output if it was asked, and the levels and candidates found.
+        """
+        spent: dict[str, float] = {}
         mark = time.perf_counter()
         principal = canonical_signs(inertia_frame(vertices, faces)[0], vertices, faces)
         turn = principal if self._checkpoint.input.frame == "inertia" else np.eye(3)
         occupied = rotated_voxels(self._checkpoint, vertices, faces, turn)
-        timings["voxelize"] = _since(mark)
+        spent["voxelize"] = _since(mark)
         mark = time.perf_counter()
         proposals = predict_each(self._checkpoint, occupied, turn, FULL_FRAMES) if sources.network else None
-        timings["infer"] = _since(mark)
+        spent["infer"] = _since(mark)
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
         samples = SurfaceSamples.drawn(vertices, faces, DEFAULT.refine_samples, seed=1)
@@ -163,17 +198,10 @@ class Detector:
         meter = DeviationMeter(surface, vertices, faces, near=DEFAULT.near)
         context = SearchContext(meter, samples, anchors, judging, DistanceGrid(occupied), turn, principal, max_error)
         found = find_symmetries(context, proposals, sources)
-        timings["refine"] = _since(mark)
-        mark = time.perf_counter()
-        result = answer(
-            context,
-            found,
-            SurfaceSamples.drawn(vertices, faces, DEFAULT.report_samples, seed=0),
-            ExactnessTest(surface, meter.facets, resolution),
-            choice,
-        )
-        timings["validate"] = _since(mark)
-        return result
+        spent["refine"] = _since(mark)
+        if timings is not None:
+            timings.update(spent)
+        return context, proposals, found
 
     def propose(self, vertices: FloatArray, faces: IntArray, timings: dict[str, float] | None = None) -> Proposals:
         """The network's raw planes and rotations for a shape in the unit frame, before any validation.

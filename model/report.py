@@ -20,6 +20,7 @@ _ROUNDING = 1e-9
 
 _DECIMALS = 12
 _DIGITS = 6
+_PROBABILITY_DECIMALS = 2
 
 
 def to_input(
@@ -85,6 +86,7 @@ class _Report:
             rms_distance=self._frame.scale * self._error(found.error) ** 0.5,
             max_distance=self._length(found.max_distance),
             coverage=round(found.coverage, 4),
+            confidence=_probability(found.confidence),
             exact=found.exact,
             continuous=found.continuous,
         )
@@ -100,6 +102,7 @@ class _Report:
             rms_distance=self._frame.scale * self._error(found.error) ** 0.5,
             max_distance=self._length(found.max_distance),
             coverage=round(found.coverage, 4),
+            confidence=_probability(found.confidence),
             exact=found.exact,
         )
 
@@ -129,6 +132,7 @@ class _Report:
             missing=round(level.missing, 4),
             exact=level.exact,
             chosen=chosen,
+            confidence=round(level.confidence, _PROBABILITY_DECIMALS),
             breaks=[self._patch(patch) for patch in level.breaks],
         )
 
@@ -171,6 +175,10 @@ class _Report:
     def _length(self, length: float) -> float:
         """A length of the unit frame in input units."""
         return 0.0 if length < self._rounding else _rounded(self._frame.scale * length)
+
+
+def _probability(value: float | None) -> float | None:
+    return None if value is None else round(value, _PROBABILITY_DECIMALS)
 
 
 def _rounded(value: float) -> float:

@@ -15,7 +15,7 @@ class FoundPlane:
     ``plane`` ``(4,)``: row ``(n, d)``. ``error``: its SDE over the surface whose counterpart is not missing.
     ``continuous``: it stands for a family through a continuous axis. ``coverage``: share of the surface whose
     counterpart is there and fits. ``exact``: it holds everywhere up to what the file promises. ``max_distance``: the
-    largest deviation seen.
+    largest deviation seen. ``confidence``: probability that it is one of the intact shape; None if not judged.
     """
 
     plane: FloatArray
@@ -24,6 +24,7 @@ class FoundPlane:
     coverage: float = 1.0
     exact: bool = False
     max_distance: float = 0.0
+    confidence: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +41,7 @@ class FoundAxis:
     coverage: float = 1.0
     exact: bool = False
     max_distance: float = 0.0
+    confidence: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +80,8 @@ class Level:
 
     ``point_group``: Schoenflies symbol. ``rms``: the largest RMS deviation of its operations; ``missing``: share of the
     surface whose counterpart lies beyond an open boundary. ``planes``, ``axes``: how many. ``exact``: it holds
-    everywhere up to what the file promises; None if that was not tested. ``breaks``: where it does not.
+    everywhere up to what the file promises; None if that was not tested. ``breaks``: where it does not. ``confidence``:
+    probability that it is a group of the intact shape.
     """
 
     point_group: str
@@ -88,6 +91,7 @@ class Level:
     axes: int
     exact: bool | None = None
     breaks: tuple[Patch, ...] = ()
+    confidence: float = 1.0
 
 
 @dataclass(slots=True, eq=False)

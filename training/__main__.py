@@ -198,7 +198,13 @@ def export(
     typer.echo(f"wrote {out} and {out.with_suffix('.json')}")
 
 
-for command in (judging_commands.evaluate, judging_commands.reproduce, judging_commands.groundtruth):
+for command in (
+    judging_commands.evaluate,
+    judging_commands.imperfect,
+    judging_commands.calibrate,
+    judging_commands.reproduce,
+    judging_commands.groundtruth,
+):
     app.command()(command)
 
 

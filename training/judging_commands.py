@@ -1,4 +1,4 @@
-"""Commands that judge: `python -m training evaluate | reproduce | groundtruth`.
+"""Commands that judge: `python -m training evaluate | imperfect | calibrate | reproduce | groundtruth`.
 
 Imports stand inside the commands: `fit` must start on a machine that has no mesh library.
 """
@@ -137,3 +137,39 @@ def groundtruth(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     typer.echo(f"{summary.shapes} shapes in {out}, {summary.searched} searched now, {summary.skipped} skipped")
+
+
+def imperfect(
+    names: Annotated[list[str] | None, typer.Argument(help="Kinds of imperfection, or families; all of them.")] = None,
+    shapes: Annotated[int, typer.Option(min=1, help="Shapes of each family.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the shapes and of what is done to them.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Whether the point group of shapes of known group is told, however imperfect they are."""
+    from training.evaluation.imperfect import render, run
+
+    try:
+        results = run(names or (), shapes=shapes, seed=seed, workers=workers, progress=progress)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(render(results))
+
+
+def calibrate(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes of the training split.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="JSON file to write; model/search/confidence.json is used.")],
+    limit: Annotated[int, typer.Option(min=1, help="So many of them, drawn at random.")] = 300,
+    procedural: Annotated[int, typer.Option(min=0, help="So many procedural shapes besides.")] = 100,
+    seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Learn the confidence of an answer from shapes damaged on purpose, and check it on others."""
+    from training.evaluation.calibration import render, run
+
+    try:
+        record = run(folders, out, limit=limit, procedural=procedural, seed=seed, workers=workers, progress=progress)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(render(record))

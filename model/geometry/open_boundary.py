@@ -31,6 +31,8 @@ surface and some 0.5 for a depth image."""
 class OpenBoundary:
     """The open edges of a surface in the unit frame, and what they say about points off it.
 
+    ``is_empty``: there are none. ``one_sidedness``: length of the mean normal, weighted by area; 0 without open edges.
+
     Args:
         surface: its index.
         vertices: ``(v, 3)``, unit frame.
@@ -42,9 +44,10 @@ class OpenBoundary:
         self._surface = surface
         self._edges = open_edges(first, faces)
         self.is_empty = not self._edges.any()
+        self.one_sidedness = 0.0
         if self.is_empty:
             return
-        self._one_sided = _mean_normal(vertices, faces) > _ONE_SIDED
+        self.one_sidedness = _mean_normal(vertices, faces)
         turned = surface.to_tree(vertices)
         self._corners = turned[faces]
         self._normals = face_normals(turned, faces)
@@ -78,7 +81,7 @@ class OpenBoundary:
             near * near,
             _PLAUSIBLE_DISTANCE**2,
             _PLAUSIBLE_SHARE,
-            self._one_sided,
+            self.one_sidedness > _ONE_SIDED,
             _SIDEWAYS,
             _ON_EDGE**2,
             _PROBE,

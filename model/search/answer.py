@@ -1,17 +1,21 @@
 """From the ladder of groups to the answer: one level's planes and axes with their errors, and what is left over."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from model.geometry.operations import Operations
+from model.network.proposals import Proposals
+from model.search.confidence import confidence, evidence
 from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
 from model.search.exactness import ExactnessTest, Verdict
 from model.search.full import Found
 from model.search.hypothesis import Hypothesis
 from model.search.levels import choose
+from model.search.subgroup import exact_part
 from model.symmetries import Candidate, FoundAxis, FoundPlane, Level, Symmetries
 from model.types import FloatArray
 
@@ -45,7 +49,12 @@ class _Judged:
 
 
 def answer(
-    context: SearchContext, found: Found, samples: SurfaceSamples, test: ExactnessTest, choice: LevelChoice
+    context: SearchContext,
+    found: Found,
+    samples: SurfaceSamples,
+    test: ExactnessTest,
+    choice: LevelChoice,
+    proposals: Proposals | None,
 ) -> Symmetries:
     """The symmetries of a shape, unit frame.
 
@@ -55,55 +64,100 @@ def answer(
         samples: of the surface, that took no part in finding them.
         test: of what is exact.
         choice: of the level.
+        proposals: the network's output, if it was asked.
     """
-    levels = list(found.levels)
-    judged: _Judged | None = None
-    index: int | None = None
-    while levels and judged is None:
-        index, judged = _chosen(context, levels, samples, test, choice)
-        if index is None:
-            break
-        if judged is not None and np.sqrt(judged.errors.max(initial=0.0)) > context.limit:
-            del levels[index]  # other samples than those it was found on say otherwise
-            index, judged = None, None
-    result = Symmetries(levels=[_level(level) for level in levels], chosen=index)
-    if judged is not None and index is not None:
-        _add_elements(judged, result)
-        result.levels[index] = _level(judged.level, exact=judged.verdict.exact, breaks=tuple(judged.verdict.patches()))
-    _add_others(context, judged.level if judged else None, found, result)
+    ladder = _JudgedLadder(context, found.levels, samples, test, proposals)
+    chosen = ladder.chosen(choice)
+    result = Symmetries()
+    for index, rung in enumerate(ladder.rungs):
+        result.levels.append(_level(rung))
+        if rung is chosen:
+            result.chosen = index
+            _add_elements(rung, result)
+    _add_others(context, None if chosen is None else chosen.level, found, result)
     return result
 
 
-def _chosen(
-    context: SearchContext,
-    levels: list[Hypothesis],
-    samples: SurfaceSamples,
-    test: ExactnessTest,
-    choice: LevelChoice,
-) -> tuple[int | None, _Judged | None]:
-    if choice.tolerance is not None:
-        within = [k for k, level in enumerate(levels) if level.rms <= choice.tolerance]
-        return (within[-1], _judge(context, levels[within[-1]], samples, test)) if within else (None, None)
-    if choice.kind == "exact":
-        for index in reversed(range(len(levels))):
-            judged = _judge(context, levels[index], samples, test)
-            if judged.verdict.exact:
-                return index, judged
-        return None, None
-    index = choose(context, levels)
-    return index, _judge(context, levels[index], samples, test)
+@dataclass(slots=True, eq=False)
+class _Rung:
+    """A level, the probability that it is one of the intact shape, and how it was ``judged``, if it was."""
+
+    level: Hypothesis
+    confidence: float
+    judged: _Judged | None = None
 
 
-def _judge(context: SearchContext, level: Hypothesis, samples: SurfaceSamples, test: ExactnessTest) -> _Judged:
-    level = level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context))
-    members = level.elements
-    if not len(members):
-        members = level.generators  # an inversion has no element that could be listed
-    stride = max(1, min(len(samples) // _FEWEST, -(-len(members) // _MANY)))
-    deviations = context.meter.measure(members, samples.every(stride))
-    largest = np.sqrt(np.where(deviations.missing, 0.0, deviations.squared).max(1))
-    coverage = deviations.coverage(context.settings.fit_distance)
-    return _Judged(level, np.square(deviations.rms), coverage, largest, test.exact(level))
+class _JudgedLadder:
+    """The levels of a shape, each judged when it is asked for."""
+
+    def __init__(
+        self,
+        context: SearchContext,
+        levels: Sequence[Hypothesis],
+        samples: SurfaceSamples,
+        test: ExactnessTest,
+        proposals: Proposals | None,
+    ) -> None:
+        self._context, self._samples, self._test, self._proposals = context, samples, test, proposals
+        self.rungs = [self._rung(level) for level in levels]
+
+    def chosen(self, choice: LevelChoice) -> _Rung | None:
+        """The level to answer with, judged; None if there is none."""
+        if choice.kind == "exact" and choice.tolerance is None:
+            return self._largest_exact()
+        while True:
+            rung = self._best(choice)
+            if rung is None:
+                return None
+            if self._judged(rung).errors.max(initial=0.0) <= self._context.max_error:
+                self._add_exact_part(rung)
+                return rung
+            self.rungs.remove(rung)  # other samples than those it was found on say otherwise
+
+    def _best(self, choice: LevelChoice) -> _Rung | None:
+        if choice.tolerance is not None:
+            return next((rung for rung in reversed(self.rungs) if rung.level.rms <= choice.tolerance), None)
+        believed = [rung for rung in self.rungs if rung.confidence >= self._context.settings.least_confidence]
+        return believed[choose(self._context, [rung.level for rung in believed])] if believed else None
+
+    def _largest_exact(self) -> _Rung | None:
+        for rung in reversed(self.rungs):
+            if self._judged(rung).verdict.exact:
+                return rung
+        return self._add_exact_part(self.rungs[0]) if self.rungs else None
+
+    def _add_exact_part(self, rung: _Rung) -> _Rung | None:
+        """Put what is exact of a level that is not before it, unless a level says so already."""
+        part = exact_part(self._judged(rung).verdict)
+        index = self.rungs.index(rung)
+        if part is None or any(part.name == other.level.name for other in self.rungs[:index]):
+            return None
+        added = self._rung(part.measured(self._context))
+        if not self._judged(added).verdict.exact:
+            return None
+        self.rungs.insert(index, added)
+        return added
+
+    def _rung(self, level: Hypothesis) -> _Rung:
+        return _Rung(level, confidence(evidence(self._context, level, self._proposals)))
+
+    def _judged(self, rung: _Rung) -> _Judged:
+        if rung.judged is None:
+            rung.judged = self._judge(rung.level)
+            rung.level = rung.judged.level
+        return rung.judged
+
+    def _judge(self, level: Hypothesis) -> _Judged:
+        context, samples = self._context, self._samples
+        level = level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context))
+        members = level.elements
+        if not len(members):
+            members = level.generators  # an inversion has no element that could be listed
+        stride = max(1, min(len(samples) // _FEWEST, -(-len(members) // _MANY)))
+        deviations = context.meter.measure(members, samples.every(stride))
+        largest = np.sqrt(np.where(deviations.missing, 0.0, deviations.squared).max(1))
+        coverage = deviations.coverage(context.settings.fit_distance)
+        return _Judged(level, np.square(deviations.rms), coverage, largest, self._test.exact(level))
 
 
 def _telling_points(context: SearchContext) -> FloatArray:
@@ -118,8 +172,10 @@ def _telling_points(context: SearchContext) -> FloatArray:
     return samples.points[flat] if every_way and flat.mean() >= _ENOUGH_FLAT else context.points(1)
 
 
-def _add_elements(judged: _Judged, result: Symmetries) -> None:
-    level = judged.level
+def _add_elements(rung: _Rung, result: Symmetries) -> None:
+    level, judged = rung.level, rung.judged
+    if judged is None:
+        return
     result.point_group = level.name
     members, orders = level.elements, level.group.orders
     largest, fits = judged.verdict.of(members)
@@ -127,17 +183,27 @@ def _add_elements(judged: _Judged, result: Symmetries) -> None:
     for k in range(len(members)):
         error, coverage = float(judged.errors[k]), float(judged.coverage[k])
         exact, distance = bool(fits[k]), float(max(largest[k], judged.largest[k]))
+        shared = coverage, exact, distance, rung.confidence
         if k < planes:
             continuous = family and (level.name == "Kh" or k < 2)
-            result.planes.append(FoundPlane(level.planes[k], error, continuous, coverage, exact, distance))
+            result.planes.append(FoundPlane(level.planes[k], error, continuous, *shared))
         else:
             order = orders[k - planes] or None
-            result.axes.append(FoundAxis(members.directions[k], level.centre, order, error, coverage, exact, distance))
+            result.axes.append(FoundAxis(members.directions[k], level.centre, order, error, *shared))
 
 
-def _level(level: Hypothesis, **judged: object) -> Level:
-    counts = len(level.group.normals), len(level.group.directions)
-    return Level(level.name, level.rms, level.missing, *counts, **judged)  # pyright: ignore[reportArgumentType]
+def _level(rung: _Rung) -> Level:
+    level, judged = rung.level, rung.judged
+    return Level(
+        level.name,
+        level.rms,
+        level.missing,
+        len(level.group.normals),
+        len(level.group.directions),
+        None if judged is None else judged.verdict.exact,
+        () if judged is None else tuple(judged.verdict.patches()),
+        rung.confidence,
+    )
 
 
 def _add_others(context: SearchContext, level: Hypothesis | None, found: Found, result: Symmetries) -> None:

@@ -99,6 +99,11 @@ class DeviationMeter:
         """Whether the surface has no open edge."""
         return self._boundary.is_empty
 
+    @property
+    def one_sidedness(self) -> float:
+        """Length of the mean normal of an open surface, some 0.5 for a depth image; 0 for a closed one."""
+        return self._boundary.one_sidedness
+
     def measure(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         """Deviations of k operations at n samples of the surface."""
         if self.closed:

@@ -17,6 +17,7 @@ from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
 from model.search.supergroups import supergroups
+from model.search.tilting import tilted
 from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
@@ -121,15 +122,7 @@ class Ladder:
     def _is_distinct(self, hypothesis: Hypothesis) -> bool:
         """Whether the group fits distinctly better than the same one tilted, either way: else the shape is a lump."""
         context, element = self._context, hypothesis.generators[[0]]
-        if element.improper[0] and element.angles[0] > 3.0:
-            return True  # an inversion has no direction to tilt
-        first, second, _ = frame_of(element.directions[0], element.directions[0])
-        lines = np.stack([first, second, (first + second) * 0.5**0.5, (first - second) * 0.5**0.5])
-        turns = context.settings.tilt * np.concatenate([lines, -lines])
-        tilted = element[[0] * len(turns)]
-        directions = tilted.moved(turns, np.zeros_like(turns)).directions
-        tilted = Operations(directions, tilted.points, tilted.angles, tilted.improper)
-        both = Operations.joined([element, tilted])
+        both = Operations.joined([element, tilted(element, context.settings.tilt)])
         # Who raises the threshold is told of what is as rough as that: distances up to it must count.
         cut = max(context.settings.truncation, 1.5 * context.limit) ** 2
         squared = np.minimum(context.meter.measure(both, context.judging).squared, cut).mean(1)

@@ -18,36 +18,14 @@ _SAME_ANGLE = float(np.deg2rad(4.0))
 _PARALLEL = float(np.cos(_SAME_ANGLE))
 
 
-def effective_tolerance(context: SearchContext, level: Hypothesis, finer: Hypothesis | None) -> float:
-    """What believing in a group costs, as an RMS deviation.
-
-    It is the group's own, no less than modelling precision, and a price for what it takes to be missing: low for what
-    some of its operations find and others miss, a hole; high for what all of those miss that the ``finer`` group
-    lacks. A cup that stood for a can without its lid would have half of the can's ends missing, and nothing to show
-    for it.
-    """
-    settings = context.settings
-    cost = max(level.rms, settings.modelling_precision)
-    if level.missing == 0.0:
-        return cost
-    operations = level.measured_operations
-    if finer is not None:
-        new = [k for k in range(len(operations)) if not finer.contains(operations[[k]], _SAME_ANGLE, np.inf)]
-        operations = operations[new]
-    unsupported = 0.0
-    if len(operations):
-        unsupported = float(context.meter.measure(operations, context.judging).missing.all(0).mean())
-    return cost + settings.missing_cost * level.missing + settings.unsupported_cost * unsupported
-
-
 def choose(context: SearchContext, levels: Sequence[Hypothesis]) -> int:
     """The index of the level with the most room above it; finer ones win ties.
 
-    The room above a level is how many times more tolerance the next one needs, above the last one the threshold. What
-    holds at a tolerance holds all the more of a part of it: no level costs more than a later one.
+    The room above a level is how many times more tolerance the next one needs, above the last one the threshold. No
+    level needs less than modelling precision. What holds at a tolerance holds all the more of a part of it: no level
+    costs more than a later one.
     """
-    finer = [None, *levels[:-1]]
-    costs = [effective_tolerance(context, level, below) for level, below in zip(levels, finer, strict=True)]
+    costs = [max(level.rms, context.settings.modelling_precision) for level in levels]
     for index in range(len(costs) - 2, -1, -1):
         costs[index] = min(costs[index], costs[index + 1])
     best, most = len(levels) - 1, -np.inf

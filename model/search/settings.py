@@ -21,10 +21,10 @@ class SearchSettings:
         fit_distance: an image nearer to the surface than this fits.
         near: images nearer than this are not asked whether their counterpart is missing.
         truncation: distances count up to here while hypotheses are compared, so that a hole does not decide.
-        missing_cost: what a missing share of the surface counts as RMS deviation when levels are compared ...
-        unsupported_cost: ... and what a share does that no operation of the group has a counterpart for.
+        missing_cost: what a missing share of the surface counts as RMS deviation when candidates are put in order.
         least_coverage: an element with less of the surface mapped onto surface is not believed.
         most_contradicting: nor is one with a larger share of the surface mapped to where there is none.
+        least_confidence: the answer at ``auto`` is a level that is one of the intact shape with this probability.
         round_deviation: a surface is round if no point strays farther from round, as a part of the radius: between a
             regular 24-gon (0.86 %), whose order is told, and the 32 segments (0.48 %) with which most programs draw a
             cylinder.
@@ -53,9 +53,9 @@ class SearchSettings:
     near: float = 2e-3
     truncation: float = 0.03
     missing_cost: float = 0.01
-    unsupported_cost: float = 0.1
     least_coverage: float = 0.25
     most_contradicting: float = 0.35
+    least_confidence: float = 0.5
     round_deviation: float = 0.0065
     sphere_deviation: float = 0.01
     most_unsupported: float = 0.01

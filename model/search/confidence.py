@@ -1,0 +1,138 @@
+"""How sure a level of the answer is: the probability that its group is one of the intact shape.
+
+A symmetry of an imperfect shape is a guess at what was meant. How often such guesses are right was counted on shapes of
+the training split, damaged on purpose, whose truth is known; what tells right from wrong is weighed by a logistic
+regression (`python -m training calibrate`), whose coefficients stand in ``confidence.json``.
+"""
+
+import json
+from dataclasses import astuple, dataclass, fields
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from model.network.proposals import Proposals
+from model.search.context import SearchContext
+from model.search.hypothesis import Hypothesis
+from model.search.tilting import tilted
+from model.types import FloatArray
+
+_MOST_OPERATIONS, _STRIDE = 3, 2
+_SMALLEST = 1e-5
+_FARTHEST = float(np.deg2rad(45.0))
+_SHARPEST, _LARGEST = 3.0, 6.0
+_ROUNDING = -3.0
+"""Logarithm of the RMS deviation that rounding of coordinates leaves, as a part of the threshold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What speaks for a group and against it, in numbers near to 1.
+
+    ``deviation``, ``median``: logarithms (base 10) of the RMS and median deviation as parts of the threshold.
+    ``missing``: share of the surface whose counterpart was not seen, the mean over the operations; ``unsupported``:
+    that no operation found. ``uncovered``: share whose counterpart is not there within the distance that fits;
+    ``contradicting``: share that is taken off a surface that is there. ``sharpness``: logarithm of how many times
+    worse, squared, the operations are when tilted. ``size``: logarithm (base 2) of the number of members.
+    ``network``: largest angle between an element measured and the nearest proposal of the network, as a part of 45
+    degrees. ``one_sided``: length of the mean normal of an open surface.
+    """
+
+    deviation: float
+    median: float
+    missing: float
+    unsupported: float
+    uncovered: float
+    contradicting: float
+    sharpness: float
+    size: float
+    network: float
+    one_sided: float
+
+
+NAMES = tuple(field.name for field in fields(Evidence))
+
+
+def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | None) -> Evidence:
+    """Measure what speaks for a group where it is placed.
+
+    Args:
+        context: the shape.
+        level: the group.
+        proposals: the network's output, if it was asked.
+    """
+    settings, limit = context.settings, context.limit
+    operations = level.generators[:_MOST_OPERATIONS]
+    samples = context.judging.every(_STRIDE)
+    found = context.meter.measure(operations, samples)
+    there = found.squared[~found.missing]
+    cut = max(settings.truncation, 1.5 * limit) ** 2
+    own = np.minimum(found.squared, cut).mean(1)
+    beside = np.empty(len(operations))
+    for k in range(len(operations)):
+        squared = context.meter.measure(tilted(operations[[k]], settings.tilt), samples).squared
+        beside[k] = np.median(np.minimum(squared, cut).mean(1))
+    sharpness = np.log10(np.maximum(beside, _SMALLEST**2) / np.maximum(own, _SMALLEST**2)).min()
+    return Evidence(
+        deviation=_logarithm(level.rms / limit),
+        median=_logarithm(float(np.sqrt(np.median(there))) / limit if len(there) else 1.0),
+        missing=float(found.missing_share.mean()),
+        unsupported=float(found.missing.all(0).mean()),
+        uncovered=1.0 - float(found.coverage(settings.fit_distance).min()),
+        contradicting=float(found.contradicting(settings.fit_distance).max()),
+        sharpness=min(float(sharpness), _SHARPEST),
+        size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
+        network=_from_network(level, proposals),
+        one_sided=context.meter.one_sidedness,
+    )
+
+
+def confidence(seen: Evidence) -> float:
+    """The probability, from 0 to 1, that a group that this speaks for is one of the intact shape."""
+    return float(predict(_coefficients(), np.array([astuple(seen)]))[0])
+
+
+def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
+    """Probabilities ``(n,)`` of evidence ``(n, e)`` by `terms` and their coefficients ``(t,)``.
+
+    What holds everywhere on the surface as it is, to rounding, is no guess: 1.
+    """
+    deviation, uncovered = rows[:, NAMES.index("deviation")], rows[:, NAMES.index("uncovered")]
+    holds = (deviation <= _ROUNDING) & (uncovered == 0.0)
+    return np.where(holds, 1.0, 1.0 / (1.0 + np.exp(-(terms(rows) @ coefficients))))
+
+
+def terms(rows: FloatArray) -> FloatArray:
+    """What the regression weighs: 1, the evidence ``(n, e)``, its squares and products: ``(n, t)``."""
+    first, second = np.triu_indices(rows.shape[1])
+    return np.column_stack([np.ones(len(rows)), rows, rows[:, first] * rows[:, second]])
+
+
+@lru_cache(maxsize=1)
+def _coefficients() -> FloatArray:
+    record: dict[str, Any] = json.loads(files("model.search").joinpath("confidence.json").read_text(encoding="utf-8"))
+    if record["evidence"] != list(NAMES):
+        raise ValueError("confidence.json was made for other evidence: run `python -m training calibrate`")
+    return np.array(record["coefficients"])
+
+
+def _logarithm(part: float) -> float:
+    return float(np.log10(max(part, _SMALLEST)))
+
+
+def _from_network(level: Hypothesis, proposals: Proposals | None) -> float:
+    """How far the network's nearest proposals are from the elements measured, at most 1."""
+    if proposals is None:
+        return 1.0
+    operations = level.generators[:_MOST_OPERATIONS]
+    farthest = 0.0
+    for k in range(len(operations)):
+        mirror = bool(operations.improper[k]) and operations.angles[k] < 1e-6
+        lines = proposals.planes[:, :3] if mirror else proposals.directions
+        if operations.improper[k] and not mirror:
+            continue
+        cosine = float(np.abs(lines @ operations.directions[k]).max(initial=0.0))
+        farthest = max(farthest, float(np.arccos(min(cosine, 1.0))))
+    return min(farthest / _FARTHEST, 1.0)
