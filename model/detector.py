@@ -8,12 +8,12 @@ It works as a library:
 """
 
 import os
+import sys
 import time
 from collections.abc import Mapping
 from typing import Any, Literal, Self
 
 import numpy as np
-import torch
 
 from model.detection import Detection
 from model.formats.conversion import MeshLike, as_mesh
@@ -203,7 +203,8 @@ class Detector:
 
 def use_one_thread() -> None:
     """One torch thread a worker: a network of this size gains nothing from more, and loses much under load."""
-    torch.set_num_threads(1)
+    if "torch" in sys.modules:  # needed for networks with other layers alone
+        sys.modules["torch"].set_num_threads(1)
 
 
 def _since(mark: float) -> float:
