@@ -80,6 +80,7 @@ class Detector:
         mesh = Mesh.checked(corners, faces)
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
+            self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
         _ = mesh.bounds, mesh.area, mesh.watertight
 
     def detect(
