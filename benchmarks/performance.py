@@ -108,40 +108,15 @@ def report(results: dict[str, Any]) -> str:
     rows = []
     for case in whole:
         times, total = case["rivals_ms"], case["full"]["total"]
+        others = [times.get(name, np.nan) / total for name in ("pca", "bounding_box", "oracle")]
         libigl = times.get("closest_points_libigl", np.nan) / times["closest_points"]
-        rows.append(
-            [
-                f"{case['faces']:,}",
-                total,
-                *[times.get(name, np.nan) / total for name in ("pca", "bounding_box", "oracle")],
-                libigl,
-            ]
-        )
-    heading = [
-        "faces",
-        "full mode, ms",
-        "PCA takes",
-        "bounding box",
-        "exhaustive search",
-        "libigl's closest points: ours",
-    ]
+        rows.append([f"{case['faces']:,}", total, *others, libigl])
+    heading = ["faces", "full mode, ms", "PCA takes", "bounding box", "exhaustive search", "libigl's points: ours"]
     parts.append(table(heading, rows))
-    rows = [
-        [
-            f"{row['faces']:,}",
-            row["format"],
-            row["mode"],
-            row["workers"],
-            row["p50_ms"],
-            row["p99_ms"],
-            row["around_ms"],
-            row["per_s"],
-        ]
-        for row in results["http"]
-    ]
-    parts.append(
-        table(["faces", "format", "mode", "workers", "p50, ms", "p99, ms", "around the worker", "requests/s"], rows)
-    )
+    columns = ["format", "mode", "workers", "p50_ms", "p99_ms", "around_ms", "per_s"]
+    rows = [[f"{row['faces']:,}", *[row[name] for name in columns]] for row in results["http"]]
+    heading = ["faces", "format", "mode", "workers", "p50, ms", "p99, ms", "around the worker", "requests/s"]
+    parts.append(table(heading, rows))
     return "\n\n".join(parts)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from model.detection import Detection
 from model.formats.conversion import MeshLike, as_mesh
-from model.geometry.frames import UnitFrame, canonical_signs, inertia_frame
+from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
 from model.geometry.surface import SurfaceIndex
@@ -114,7 +114,7 @@ class Detector:
         """
         started = time.perf_counter()
         mesh = as_mesh(mesh)
-        frame = UnitFrame.of(mesh.vertices, mesh.faces)
+        frame = unit_frame(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
         resolution = resolution_of(mesh.vertices) / frame.scale
         timings: dict[str, float] = {}
@@ -148,7 +148,7 @@ class Detector:
         timings: dict[str, float],
     ) -> Symmetries:
         mark = time.perf_counter()
-        principal = canonical_signs(inertia_frame(vertices, faces)[0], vertices, faces)
+        principal = principal_frame(vertices, faces)
         turn = principal if self._checkpoint.input.frame == "inertia" else np.eye(3)
         occupied = rotated_voxels(self._checkpoint, vertices, faces, turn)
         timings["voxelize"] = _since(mark)

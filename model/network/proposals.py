@@ -6,7 +6,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from model.geometry.frames import inertia_frame
+from model.geometry.integrals import inertia_rotation
 from model.geometry.transforms import axis_angle, sign_free_mean
 from model.geometry.voxels import voxelize
 from model.network.checkpoint import Checkpoint
@@ -36,7 +36,7 @@ def input_rotation(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray
     """The rotation ``(3, 3)`` from the unit frame to the frame the network is fed with first."""
     if checkpoint.input.frame == "unit":
         return np.eye(3)
-    return inertia_frame(vertices, faces)[0]
+    return inertia_rotation(vertices, faces)
 
 
 def rotated_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> BoolArray:
