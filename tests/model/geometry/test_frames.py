@@ -145,7 +145,7 @@ def test_compiled_frames_refuse_what_has_no_area(size: float):
 
 @pytest.mark.parametrize("order", [3, 4, 7])
 def test_where_moments_tie_rounding_does_not_choose_the_frame(order: int):
-    """A prism on a regular polygon, in any pose: its frame is the same for coordinates that differ in the last digit."""
+    """A prism on a regular polygon, in any pose: the last digits of its coordinates do not turn its frame."""
     angles = 2.0 * np.pi * np.arange(order) / order
     circle = 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
     vertices = np.concatenate([np.column_stack([circle, np.full(order, height)]) for height in (-0.2, 0.2)])
