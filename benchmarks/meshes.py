@@ -37,6 +37,26 @@ def displaced_sphere(faces: int, seed: int = 0) -> tuple[FloatArray, IntArray]:
     return vertices, quads.astype(np.int32)
 
 
+def chair(faces: int) -> tuple[FloatArray, IntArray]:
+    """Seat, back and four legs with one mirror plane, each a box of finely divided sides."""
+    parts = [((1.0, 0.1, 1.0), (0.0, 0.5, 0.0)), ((1.0, 0.8, 0.1), (0.0, 0.95, -0.45))]
+    parts += [((0.1, 0.5, 0.1), (x, 0.2, z)) for x in (-0.4, 0.4) for z in (-0.4, 0.4)]
+    edge = max(1, round(float(np.sqrt(faces / (len(parts) * 12)))))
+    u, v = (grid.ravel() for grid in np.meshgrid(*[np.arange(edge + 1) / edge - 0.5] * 2, indexing="ij"))
+    i, j = (grid.ravel() for grid in np.meshgrid(*[np.arange(edge)] * 2, indexing="ij"))
+    a, b = i * (edge + 1) + j, (i + 1) * (edge + 1) + j
+    side = np.concatenate([np.stack([a, b, b + 1], axis=1), np.stack([a, b + 1, a + 1], axis=1)])
+    points, triangles = [], []
+    for extents, centre in parts:
+        for axis in range(3):
+            for sign in (-0.5, 0.5):
+                square = np.empty((len(u), 3))
+                square[:, axis], square[:, (axis + 1) % 3], square[:, (axis + 2) % 3] = sign, u, v
+                triangles.append((side if sign > 0 else side[:, ::-1]) + sum(map(len, points)))
+                points.append(square * extents + centre)
+    return np.concatenate(points), np.concatenate(triangles).astype(np.int32)
+
+
 def soup(faces: int, seed: int = 0) -> tuple[FloatArray, IntArray]:
     """Boxes of all sizes in any pose that run through each other."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2.0
@@ -75,7 +95,8 @@ def lattice(faces: int) -> tuple[FloatArray, IntArray]:
 
 
 SHAPES: dict[str, Callable[[int], tuple[FloatArray, IntArray]]] = {
-    "solid": displaced_sphere,
+    "solid": chair,
+    "rough": displaced_sphere,
     "soup": soup,
     "slivers": slivers,
     "lattice": lattice,
