@@ -33,8 +33,8 @@ check: $(VENV)/.dev ## format, lint, types, import rules
 format: $(VENV)/.dev ## format the code and fix what the linter can fix
 	@$(BIN)/ruff check -q --fix . ; $(BIN)/ruff format -q .
 
-bench: $(VENV)/.dev ## measure latency and throughput of POST /detect over loopback
-	@$(BIN)/python benchmarks/detect_http.py $(ARGS)
+bench: $(VENV)/.dev ## time and memory from bytes to symmetries, by size, shape and format (minutes; ARGS=--help)
+	@$(BIN)/python -m benchmarks.performance $(ARGS)
 
 soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
 	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600

@@ -1,5 +1,5 @@
 """``python -m app`` is ``prsnet``."""
 
-from app.cli.commands import app
+from app.cli.commands import main
 
-app()
+main()

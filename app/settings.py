@@ -119,6 +119,11 @@ class Settings(BaseSettings):
     sending_bytes: int = Field(
         default=512 * 1024 * 1024, ge=1024, description="Bytes of meshes on their way to clients; beyond, one gets 503."
     )
+    cache_bytes: int = Field(
+        default=64 * 1024 * 1024,
+        ge=0,
+        description="Answers kept for files that are sent again, in bytes; 0 keeps none and sends no ETag.",
+    )
     max_connections: int = Field(
         default=1000, ge=1, description="Connections kept open; for one more the longest idle one is closed."
     )

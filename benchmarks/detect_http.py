@@ -52,7 +52,11 @@ def server(workers: int) -> Iterator[int]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "app", "serve", "--port", str(port), "--workers", str(workers)]
-    process = subprocess.Popen([*command, "--log-level", "error"], cwd=ROOT, env=os.environ | {"PRSNET_DRAIN_S": "0"})
+    process = subprocess.Popen(
+        [*command, "--log-level", "error"],
+        cwd=ROOT,
+        env=os.environ | {"PRSNET_DRAIN_S": "0", "PRSNET_CACHE_BYTES": "0"},
+    )
     try:
         end = time.monotonic() + START_LIMIT_S
         while not ready(port):

@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from model.network.network import Architecture, PRSNet
+from model.network.architecture import Architecture
+from model.network.network import PRSNet
 
 BATCH, ROUNDS = 32, 9
 

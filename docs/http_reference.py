@@ -26,7 +26,8 @@ def _operation(method: str, path: str, operation: dict[str, Any]) -> list[str]:
     if parameters := operation.get("parameters"):
         lines += ["| query | default | meaning |", "| --- | --- | --- |"]
         for item in parameters:
-            name = f"`{item['name']}` {_type(item['schema'])}"
+            header = " (header)" if item["in"] == "header" else ""
+            name = f"`{item['name']}` {_type(item['schema'])}{header}"
             lines.append(f"| {name} | {_default(item['schema'])} | {_cell(item.get('description'))} |")
         lines.append("")
     lines += ["| status | body | |", "| --- | --- | --- |"]

@@ -8,16 +8,16 @@ It works as a library:
 """
 
 import os
+import sys
 import time
 from collections.abc import Mapping
 from typing import Any, Literal, Self
 
 import numpy as np
-import torch
 
 from model.detection import Detection
 from model.formats.conversion import MeshLike, as_mesh
-from model.geometry.frames import UnitFrame, canonical_signs, inertia_frame
+from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
 from model.geometry.surface import SurfaceIndex
@@ -80,6 +80,7 @@ class Detector:
         mesh = Mesh.checked(corners, faces)
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
+            self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
         _ = mesh.bounds, mesh.area, mesh.watertight
 
     def detect(
@@ -113,7 +114,7 @@ class Detector:
         """
         started = time.perf_counter()
         mesh = as_mesh(mesh)
-        frame = UnitFrame.of(mesh.vertices, mesh.faces)
+        frame = unit_frame(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
         resolution = resolution_of(mesh.vertices) / frame.scale
         timings: dict[str, float] = {}
@@ -182,7 +183,7 @@ class Detector:
         """
         spent: dict[str, float] = {}
         mark = time.perf_counter()
-        principal = canonical_signs(inertia_frame(vertices, faces)[0], vertices, faces)
+        principal = principal_frame(vertices, faces)
         turn = principal if self._checkpoint.input.frame == "inertia" else np.eye(3)
         occupied = rotated_voxels(self._checkpoint, vertices, faces, turn)
         spent["voxelize"] = _since(mark)
@@ -231,7 +232,8 @@ class Detector:
 
 def use_one_thread() -> None:
     """One torch thread a worker: a network of this size gains nothing from more, and loses much under load."""
-    torch.set_num_threads(1)
+    if "torch" in sys.modules:  # needed for networks with other layers alone
+        sys.modules["torch"].set_num_threads(1)
 
 
 def _since(mark: float) -> float:

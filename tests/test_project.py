@@ -130,3 +130,19 @@ def test_the_base_image_can_be_chosen() -> None:
     assert lines[0].startswith("ARG BASE_IMAGE=python:")
     assert [line.split()[1] for line in lines if line.startswith("FROM")] == ["${BASE_IMAGE}"] * 2
     assert not any(re.match(r"#\s*syntax\s*=", line) for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("command", "absent"),
+    [
+        ("from app.cli.commands import main; sys.argv = ['prsnet', 'detect', 'tests/data/chair.obj']; main()", "httpx"),
+        ("from model import Detector; Detector.load().detect('tests/data/chair.obj', mode='paper')", "pydantic typer"),
+    ],
+)
+def test_what_a_short_command_need_not_load_is_not_loaded(command: str, absent: str) -> None:
+    """Importing torch and the web stack took twice as long as everything else from the prompt to the answer."""
+    unwanted = f"torch fastapi starlette uvicorn trimesh {absent}".split()
+    told = f"import atexit, sys; atexit.register(lambda: print('loaded', sorted(set({unwanted}) & set(sys.modules))))"
+    result = run_python(f"{told}; {command}")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[-1] == "loaded []"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_type_hints
 
-from model.network.network import Architecture
+from model.network.architecture import Architecture
 
 RECIPES = Path(__file__).parent / "recipes"
 

@@ -45,6 +45,17 @@ def detected(runtime: Runtime, answer: Answer, query: queries.DetectQuery, choic
     return _attached(runtime, answer.file, headers, choice.media_type)
 
 
+def not_modified(headers: dict[str, str]) -> Response:
+    """The client has the answer already: 304 (RFC 9110, 15.4.5)."""
+    return Response(status_code=304, headers={**_VARY, **headers})
+
+
+def with_headers(response: Response, headers: dict[str, str]) -> Response:
+    """A response with further headers."""
+    response.headers.update(headers)
+    return response
+
+
 def completed(runtime: Runtime, answer: Answer, format: str) -> Response:
     """The response of ``POST /complete``.
 

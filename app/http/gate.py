@@ -80,6 +80,12 @@ class Gate:
             return self.address(headers, peer) or "-"
         return hashlib.sha256(self._given(headers)).hexdigest()
 
+    def owner(self, headers: Headers, peer: str) -> str:
+        """Whose answers are kept apart from others': a key's where there are keys, else as `tenant`."""
+        if self._key_digests:
+            return hashlib.sha256(self._given(headers)).hexdigest()
+        return self.tenant(headers, peer)
+
     def address(self, headers: Headers, peer: str) -> str:
         """Whose request it is: the peer's, or what the proxy in front says, where a setting trusts its header."""
         if not self._address_header:

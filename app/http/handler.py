@@ -3,14 +3,17 @@
 import asyncio
 import time
 from collections.abc import Coroutine
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from app import schemas
+from app import __version__, schemas
+from app.http import answer_cache
 from app.http.middleware import stages
 from app.http.runtime import Runtime
+from app.http.spool import Upload
 from app.http.uploads import read_upload
 from app.problems import DEADLINE, MESH_TOO_LARGE, OVERLOADED, TOO_MUCH_MEMORY, UPLOADS_FULL, WORKER_LOST, ProblemError
 from app.workers.errors import OutOfMemoryError, TookTooLongError, WorkerLostError
@@ -20,8 +23,19 @@ from app.workers.wire import Job
 T = TypeVar("T")
 
 
-async def process_upload(request: Request, runtime: Runtime, **wanted: Any) -> Answer:
-    """Read the mesh of a request, and have it worked on; ``wanted`` are members of `Job`.
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a request: an answer, or none where the client has it already; and headers about that."""
+
+    answer: Answer | None
+    headers: dict[str, str] = field(default_factory=dict[str, str])
+
+
+async def process_upload(request: Request, runtime: Runtime, variant: str, **wanted: Any) -> Outcome:
+    """Read the mesh of a request, and have it worked on, or find the answer that was given before.
+
+    ``variant`` is what, beside the answer itself, makes one response different from another; ``wanted`` are members of
+    `Job`.
 
     Raises:
         ProblemError: there is no answer, and why.
@@ -31,7 +45,7 @@ async def process_upload(request: Request, runtime: Runtime, **wanted: Any) -> A
     seconds = runtime.settings.deadline_s
     try:
         async with asyncio.timeout(seconds):
-            return await _process(request, runtime, wanted)
+            return await _process(request, runtime, variant, wanted)
     except TimeoutError as error:
         raise ProblemError(DEADLINE, f"The request took longer than the {seconds:g} seconds allowed.") from error
     except TookTooLongError as error:
@@ -50,7 +64,7 @@ def _arrived(request: Request) -> None:
         request.scope["arrival"].end()
 
 
-async def _process(request: Request, runtime: Runtime, wanted: dict[str, Any]) -> Answer:
+async def _process(request: Request, runtime: Runtime, variant: str, wanted: dict[str, Any]) -> Outcome:
     settings = runtime.settings
     _ = runtime.card  # refused with not-ready before anything is read, and a full queue likewise
     runtime.pool.require_room()
@@ -65,27 +79,57 @@ async def _process(request: Request, runtime: Runtime, wanted: dict[str, Any]) -
     finally:
         runtime.gate.slots.leave(slot)
         spent["upload"] = _since(began)
+    with upload:
+        job = _job(runtime, upload, wanted)
+        if not runtime.cache.enabled:
+            return Outcome(await _computed(request, runtime, upload, job, peer))
+        return await _cached(request, runtime, upload, job, peer, variant)
+
+
+def _job(runtime: Runtime, upload: Upload, wanted: dict[str, Any]) -> Job:
+    settings = runtime.settings
+    return Job(
+        filename=upload.filename,
+        max_vertices=settings.max_vertices,
+        max_faces=settings.max_faces,
+        max_nodes=settings.max_nodes,
+        max_unpacked_bytes=settings.max_unpacked_bytes,
+        max_answer_bytes=settings.max_answer_bytes,
+        cpu_s=settings.deadline_s,
+        size=upload.size,
+        parts=[list(part) for part in upload.parts],
+        transport="inline" if upload.file is None else "descriptor",
+        **wanted,
+    )
+
+
+async def _cached(request: Request, runtime: Runtime, upload: Upload, job: Job, peer: str, variant: str) -> Outcome:
+    """The answer that was kept, or a new one, which is kept."""
+    question = answer_cache.digest(upload.digest, asdict(job), __version__, runtime.card.sha256)
+    # Weak: the milliseconds in two answers to one question differ.
+    etag = f'W/"{answer_cache.digest(question, variant)[:32]}"'
+    if answer_cache.matches(etag, request.headers.get("if-none-match")):
+        _arrived(request)
+        return Outcome(None, {"ETag": etag})
+    key = answer_cache.digest(question, runtime.gate.owner(request.headers.raw, peer))
+    if (answer := runtime.cache.get(key)) is not None:
+        _arrived(request)
+        return Outcome(answer, {"ETag": etag, answer_cache.HEADER: "hit"})
+    answer = await _computed(request, runtime, upload, job, peer)
+    runtime.cache.put(key, answer)
+    return Outcome(answer, {"ETag": etag, answer_cache.HEADER: "miss"})
+
+
+async def _computed(request: Request, runtime: Runtime, upload: Upload, job: Job, peer: str) -> Answer:
     tenant = runtime.gate.tenant(request.headers.raw, peer)
+    spent = stages(request)
     began = time.perf_counter()
 
     def begin() -> None:
         spent["queue"] = _since(began)
 
-    with upload, runtime.pool.admit():
+    with runtime.pool.admit():
         _arrived(request)
-        job = Job(
-            filename=upload.filename,
-            max_vertices=settings.max_vertices,
-            max_faces=settings.max_faces,
-            max_nodes=settings.max_nodes,
-            max_unpacked_bytes=settings.max_unpacked_bytes,
-            max_answer_bytes=settings.max_answer_bytes,
-            cpu_s=settings.deadline_s,
-            size=upload.size,
-            parts=[list(part) for part in upload.parts],
-            transport="inline" if upload.file is None else "descriptor",
-            **wanted,
-        )
         result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin, tenant))
     timings = result.content.timings_ms
     for name in ("parse", "voxelize", "infer", "refine"):

@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
 from app import __version__, problems, schemas
-from app.http import auth, openapi, pages, routes, tracing
+from app.http import answer_cache, auth, openapi, pages, routes, tracing
 from app.http.middleware import HEADER, RequestContext
 from app.http.runtime import Runtime
 from app.settings import Settings
@@ -52,8 +52,16 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
             CORSMiddleware,
             allow_origins=origins,
             allow_methods=["GET", "POST"],
-            allow_headers=[auth.HEADER, "Authorization", HEADER],
-            expose_headers=[HEADER, schemas.COMPLETION, "Content-Disposition", "Server-Timing", "Retry-After"],
+            allow_headers=[auth.HEADER, "Authorization", "If-None-Match", HEADER],
+            expose_headers=[
+                HEADER,
+                answer_cache.HEADER,
+                schemas.COMPLETION,
+                "Content-Disposition",
+                "ETag",
+                "Server-Timing",
+                "Retry-After",
+            ],
         )
     app.add_middleware(RequestContext, metrics=runtime.metrics, trace=trace)
     problems.install(app)

@@ -11,7 +11,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.responses import PlainTextResponse, Response
 
 from app import problems, schemas
-from app.http import auth
+from app.http import answer_cache, auth
 from app.http.middleware import HEADER
 from app.http.uploads import FIELD
 from app.outputs.output_format import Options, OutputFormat
@@ -37,6 +37,10 @@ entry, SHREC text, or CSV.
 
 **Errors** are `application/problem+json` (RFC 9457). Their `type` is stable, their `detail` says what to do,
 and `request_id` (also in the header `X-Request-ID`, which a client may send) finds the request in the log.
+
+**Files sent again**: answers are kept for a while (`PRSNet-Cache: hit` or `miss`). A `hit` has the timings of the first
+time. The `ETag` of an answer stands for the file, its name, the options and the weights: sent back as `If-None-Match`
+with the same file, it is answered with 304 and no body, and nothing is computed.
 
 **Frames**: all coordinates are in the input frame. Symmetry errors are mean squared distances in the unit
 frame (surface centroid at the origin, bounding sphere of diameter 1): one threshold serves every object.
@@ -141,6 +145,30 @@ _UPLOAD_BODY = {
     },
 }
 
+_CONDITION: list[dict[str, Any]] = [
+    {
+        "name": "If-None-Match",
+        "in": "header",
+        "required": False,
+        "schema": {"type": "string"},
+        "description": "The `ETag` of an answer at hand: 304 if the same file and options would be answered the same.",
+    }
+]
+_NOT_MODIFIED: dict[str, Any] = {
+    "description": "The answer is the one whose ETag came in If-None-Match; nothing was computed.",
+    "headers": {"ETag": {"description": "As in the answer.", "schema": {"type": "string"}}},
+}
+_KEPT_HEADERS: dict[str, Any] = {
+    "ETag": {
+        "description": "Stands for the file, the options and the weights; not sent if the service keeps no answers.",
+        "schema": {"type": "string"},
+    },
+    answer_cache.HEADER: {
+        "description": "`hit`: the answer was kept from before, its timings too; `miss`: it was computed.",
+        "schema": {"type": "string", "enum": ["hit", "miss"]},
+    },
+}
+
 _UPLOAD_PROBLEMS = (
     problems.MALFORMED,
     problems.UNAUTHORIZED,
@@ -169,11 +197,14 @@ DETECT: dict[str, Any] = {
             "model": schemas.DetectResponse,
             "description": "The symmetries; empty lists if there are none.",
             "content": {output.media_type: _content(output) for output in DETECT_OUTPUTS.values()},
+            "headers": _KEPT_HEADERS,
         },
+        304: _NOT_MODIFIED,
         **_errors(*_UPLOAD_PROBLEMS, problems.NOT_ACCEPTABLE),
     },
     "openapi_extra": {
         "requestBody": _UPLOAD_BODY,
+        "parameters": _CONDITION,
         "x-codeSamples": [
             {
                 "lang": "Shell",
@@ -204,6 +235,7 @@ COMPLETE: dict[str, Any] = {
             "description": "The completed mesh as a file, in the mesh's own coordinates.",
             "content": {output.media_type: _BINARY for output in OUTPUTS if output.mesh is not None},
             "headers": {
+                **_KEPT_HEADERS,
                 schemas.COMPLETION: {
                     "description": "What was done, as JSON.",
                     "content": {_JSON: {"schema": _ref("Completion")}},
@@ -211,10 +243,12 @@ COMPLETE: dict[str, Any] = {
                 "Content-Disposition": {"description": "A name for the file.", "schema": {"type": "string"}},
             },
         },
+        304: _NOT_MODIFIED,
         **_errors(*_UPLOAD_PROBLEMS, problems.NO_PLANE),
     },
     "openapi_extra": {
         "requestBody": _UPLOAD_BODY,
+        "parameters": _CONDITION,
         "x-codeSamples": [
             {
                 "lang": "Shell",

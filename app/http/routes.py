@@ -30,9 +30,10 @@ async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()
     choice = answers.wanted_format(query, request.headers.get("accept"))
     include = list(dict.fromkeys([*query.include, *choice.output.include]))
     geometry = choice.output.name if choice.output.mesh is not None else None
-    result = await process_upload(
+    outcome = await process_upload(
         request,
         runtime,
+        f"{choice.output.name} {choice.media_type} {sorted(query.include)}",
         task="detect",
         mode=query.mode,
         max_error=query.max_error,
@@ -41,15 +42,18 @@ async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()
         level=query.level,
         tolerance=query.tolerance,
     )
-    return answers.detected(runtime, result, query, choice)
+    if outcome.answer is None:
+        return answers.not_modified(outcome.headers)
+    return answers.with_headers(answers.detected(runtime, outcome.answer, query, choice), outcome.headers)
 
 
 @router.post("/complete", dependencies=KEY, **openapi.COMPLETE)
 async def complete(request: Request, query: Annotated[queries.CompleteQuery, Query()], runtime: RuntimeOf) -> Response:
     """Complete one mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
-    result = await process_upload(
+    outcome = await process_upload(
         request,
         runtime,
+        query.format,
         task="complete",
         mode="full",
         max_error=query.max_error,
@@ -58,7 +62,9 @@ async def complete(request: Request, query: Annotated[queries.CompleteQuery, Que
         plane=query.plane,
         symmetrize=query.symmetrize,
     )
-    return answers.completed(runtime, result, query.format)
+    if outcome.answer is None:
+        return answers.not_modified(outcome.headers)
+    return answers.with_headers(answers.completed(runtime, outcome.answer, query.format), outcome.headers)
 
 
 @router.get("/health", **openapi.HEALTH)

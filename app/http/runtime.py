@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable
 from enum import Enum
 
+from app.http.answer_cache import AnswerCache
 from app.http.gate import Gate
 from app.http.metrics import Metrics
 from app.problems import NOT_READY, ProblemError
@@ -37,7 +38,8 @@ class Runtime:
         self.sending_bytes = 0
         self.metrics = Metrics()
         self.gate = Gate(settings, self.pool, self.metrics)
-        self.pool.on_restart = self.metrics.count_restart
+        self.cache = AnswerCache(settings.cache_bytes)
+        self.pool.on_restart = self._on_restart
         self._watch()
         self.on_failure: Callable[[], None] = lambda: None
         self._starting: asyncio.Task[None] | None = None
@@ -59,6 +61,11 @@ class Runtime:
             self.metrics.set_model(card.name, card.version, card.sha256)
             logger.info("ready: %s %s", card.name, card.version)
 
+    def _on_restart(self, reason: str) -> None:
+        self.metrics.count_restart(reason)
+        if reason in ("untrusted", "renewed"):  # what a worker that was taken over has said before is not repeated
+            self.cache.clear()
+
     def _watch(self) -> None:
         watch, pool = self.metrics.watch, self.pool
         watch("uploading", "Uploads being received.", lambda: len(self.gate.slots))
@@ -68,6 +75,9 @@ class Runtime:
         watch("queue_depth", "Requests that wait for a worker.", lambda: pool.admitted - pool.running)
         watch("queue_capacity", "Requests that may wait for a worker.", lambda: self.settings.queue)
         watch("workers_live", "Workers there are, the spare one included.", lambda: pool.live)
+        watch("cache_bytes", "Bytes of answers kept for files that are sent again.", lambda: self.cache.size)
+        watch("cache_hits", "Requests answered with a kept answer since the start.", lambda: self.cache.hits)
+        watch("cache_misses", "Requests for which none was kept since the start.", lambda: self.cache.misses)
         watch("ready", "1 when requests are welcome.", lambda: self.state is State.READY and pool.live > 0)
 
     def drain(self) -> None:

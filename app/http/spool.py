@@ -1,5 +1,6 @@
 """Keeps an upload: in memory up to a size, beyond it in a file without a name, which vanishes when it is closed."""
 
+import hashlib
 import os
 import tempfile
 from dataclasses import dataclass
@@ -12,7 +13,8 @@ _PIECE = 256 * 1024  # so little at a time that writing it does not hold up the 
 class Upload:
     """What was uploaded: the mesh's sanitised base name, and the bytes of all files or the file they are in.
 
-    ``parts`` are name and size of every file in the order of its bytes; empty where the mesh came alone.
+    ``parts`` are name and size of every file in the order of its bytes; empty where the mesh came alone. ``digest`` is
+    that of all bytes, empty if it was not asked for.
     """
 
     filename: str
@@ -21,6 +23,7 @@ class Upload:
     file: BinaryIO | None = None
     parts: tuple[tuple[str, int], ...] = ()
     descriptor: int | None = None
+    digest: str = ""
 
     @property
     def source(self) -> bytes | int:
@@ -40,9 +43,13 @@ class Upload:
 
 
 class Spool:
-    """Takes an upload's bytes as they arrive; at most ``memory_limit`` of them, and a chunk, are held in memory."""
+    """Takes an upload's bytes as they arrive; at most ``memory_limit`` of them, and a chunk, are held in memory.
 
-    def __init__(self, memory_limit: int, directory: str | None) -> None:
+    With ``hashing`` their digest is taken on the way.
+    """
+
+    def __init__(self, memory_limit: int, directory: str | None, *, hashing: bool = False) -> None:
+        self._hash = hashlib.sha256() if hashing else None
         self._memory_limit = memory_limit
         self._directory = directory
         self._buffer = bytearray()
@@ -55,19 +62,22 @@ class Spool:
         Raises:
             OSError: the disk is full.
         """
+        if self._hash is not None:
+            self._hash.update(data)
         self._buffer += data
         if len(self._buffer) > (self._memory_limit if self._file is None else _PIECE):
             self._flush()
 
     def finish(self, filename: str, parts: tuple[tuple[str, int], ...] = ()) -> Upload:
         """The upload; it is now the caller's to close."""
+        digest = "" if self._hash is None else self._hash.hexdigest()
         if self._file is None:
-            return Upload(filename, len(self._buffer), bytes(self._buffer), parts=parts)
+            return Upload(filename, len(self._buffer), bytes(self._buffer), parts=parts, digest=digest)
         self._flush()
         # Opened once more, so that the worker that gets it cannot write to it, whatever its limits.
         path = f"/proc/self/fd/{self._file.fileno()}"
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC) if os.path.exists(path) else None
-        return Upload(filename, self._written, b"", self._file, parts, descriptor)
+        return Upload(filename, self._written, b"", self._file, parts, descriptor, digest)
 
     def close(self) -> None:
         """Forget everything."""

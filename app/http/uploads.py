@@ -154,7 +154,7 @@ async def read_upload(request: Request, settings: Settings, slot: UploadSlot | N
         raise _malformed("The request is not multipart/form-data with a boundary.")
     if _declared_length(request) > settings.max_upload_bytes:
         raise _too_large(settings.max_upload_bytes)
-    spool = Spool(settings.spool_bytes, settings.spool_dir)
+    spool = Spool(settings.spool_bytes, settings.spool_dir, hashing=settings.cache_bytes > 0)
     try:
         form = await _receive(request, options[b"boundary"], spool, settings, slot or UploadSlot(""))
         return spool.finish(form.mesh(), form.parts())

@@ -34,6 +34,7 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
     """Load, say so, then fork a worker for every socket that arrives; returns when the server has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # they come to the whole group; the server decides when to end
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    gc.disable()  # all that is made now stays
     try:
         detector = load()
         warm_up(detector)
@@ -45,6 +46,7 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
         return
     gc.collect()
     gc.freeze()  # the collector would write to pages that are shared with the workers
+    gc.enable()
     card = {
         "name": detector.name,
         "version": detector.version,

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from model.geometry.frames import UnitFrame
+from model.geometry.integrals import unit_frame
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.meshes.mesh import Mesh
@@ -60,7 +60,7 @@ class Comparison:
 
 def compare(first: Mesh, second: Mesh, tolerance: float | None = None) -> Comparison:
     """Lay the first mesh on the second, as it is and mirrored; ``tolerance`` is in input units."""
-    frames = [UnitFrame.of(mesh.vertices, mesh.faces) for mesh in (first, second)]
+    frames = [unit_frame(mesh.vertices, mesh.faces) for mesh in (first, second)]
     scale = max(frame.scale for frame in frames)
     limit = TOLERANCE * scale if tolerance is None else tolerance
     target = _Target((second.vertices - frames[1].center) / scale, second)

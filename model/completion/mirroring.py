@@ -11,7 +11,8 @@ import numpy as np
 from model.completion.missing import estimate_tolerance, find_missing
 from model.completion.seam import join
 from model.errors import DegenerateMeshError
-from model.geometry.frames import UnitFrame, triangle_areas
+from model.geometry.frames import triangle_areas
+from model.geometry.integrals import unit_frame
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import WORK, SurfaceIndex
 from model.geometry.topology import duplicate_vertex_map
@@ -70,7 +71,7 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
         DegenerateMeshError: nothing of the mesh is left on one side of a plane it should be symmetric about.
         TooComplexError: its faces crowd so much, or would have to be cut so often, that it would take too long.
     """
-    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    frame = unit_frame(mesh.vertices, mesh.faces)
     own, faces = merged(mesh)
     vertices = frame.to_unit(own)
     plane = frame.plane_to_unit(plane)
@@ -117,7 +118,7 @@ def halve(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[Floa
     Raises:
         DegenerateMeshError: nothing of the mesh is on that side.
     """
-    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    frame = unit_frame(mesh.vertices, mesh.faces)
     vertices, faces = merged(mesh)
     return _half(vertices, faces, plane if positive else -plane, _ON_PLANE * frame.scale)
 

@@ -124,16 +124,26 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, 
         for matrix in placed.matrices[: 1 if placed.skin is not None else None]:
             part = all_vertices[vertex : vertex + count]
             if skin is None:
-                np.matmul(body.vertices, matrix[:3, :3].T, out=part)
-                part += matrix[:3, 3]
+                _place(body.vertices, matrix, part)
             else:
                 part[:] = body.posed(skin)
-            all_faces[face : face + len(body.faces)] = body.faces + vertex
+            np.add(body.faces, vertex, out=all_faces[face : face + len(body.faces)], dtype=np.int32)
             if colors is not None and body.light is not None:
                 colors[vertex : vertex + count] = from_linear(body.light)
             vertex += count
             face += len(body.faces)
     return all_vertices, all_faces, colors
+
+
+def _place(vertices: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
+    """Vertices ``(v, 3)`` in the world, by a ``(4, 4)`` matrix; sums are taken in one order on every machine."""
+    if np.array_equal(matrix, np.eye(4)):
+        out[:] = vertices
+        return
+    np.multiply(vertices[:, :1], matrix[:3, 0], out=out)
+    for column in (1, 2):
+        out += vertices[:, column : column + 1] * matrix[:3, column]
+    out += matrix[:3, 3]
 
 
 READERS = {"glb": Reader(read_glb, is_glb), "gltf": Reader(read_gltf, is_gltf)}

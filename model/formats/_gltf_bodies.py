@@ -114,14 +114,14 @@ class Bodies:
                 indices = np.arange(count, dtype=np.int32)
             if indices.size and (indices.min() < 0 or indices.max() >= count):
                 raise UnreadableMeshError("The glTF file has a face that refers to a vertex that does not exist.")
-            faces.append(_triangles(indices, mode) + np.int32(start))
+            triangles = _triangles(indices, mode)
+            faces.append(triangles + np.int32(start) if start else triangles)
             made += len(faces[-1])
             self._limits.check(vertices=total, faces=made)
-        joined = np.concatenate(vertices) if vertices else np.empty((0, 3))
-        tinted = np.concatenate(light) if light else np.empty((0, 4))
+        tinted = _joined(light, 4)
         return Body(
-            joined,
-            np.concatenate(faces),
+            _joined(vertices, 3),
+            faces[1] if len(faces) == 2 else np.concatenate(faces),
             *_joined_influences(influences, [len(part) for part in vertices]),
             light=tinted if tinted.size and bool((tinted != 1.0).any()) else None,
         )
@@ -152,20 +152,21 @@ class Bodies:
 
     def _light(self, primitive: Any, count: int, stored: bool) -> FloatArray:
         """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white."""
-        light = np.ones((count, 4))
+        light = np.ones((1, 4))
         attributes = primitive["attributes"]
         try:
             if stored and "COLOR_0" in attributes:
                 width = 3 if self._json["accessors"][attributes["COLOR_0"]]["type"] == "VEC3" else 4
                 values = self._buffers.accessor(attributes["COLOR_0"], width).astype(np.float64)
                 if len(values) == count:
+                    light = np.ones((count, 4))
                     light[:, :width] = values
             if "material" in primitive:
                 surface = self._json["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
-                light *= np.array(surface.get("baseColorFactor", [1.0] * 4), dtype=np.float64).reshape(4)
+                light = light * np.array(surface.get("baseColorFactor", [1.0] * 4), dtype=np.float64).reshape(4)
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, UnreadableMeshError):
-            return np.ones((count, 4))  # a shape with broken colours is a shape all the same
-        return light
+            light = np.ones((1, 4))  # a shape with broken colours is a shape all the same
+        return np.broadcast_to(light, (count, 4))
 
     def _check_faces(self, index: int, mode: int, made: int) -> None:
         """Primitives may share indices: a few bytes of JSON can ask for as many triangles as there are bytes."""
@@ -183,6 +184,11 @@ class Bodies:
             raise
         except Exception as error:
             raise UnreadableMeshError("The glTF file has Draco data that cannot be decoded.") from error
+
+
+def _joined(parts: list[FloatArray], width: int) -> FloatArray:
+    """Arrays ``(n, width)`` in a row; one alone is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate([np.empty((0, width)), *parts])
 
 
 def _joined_influences(

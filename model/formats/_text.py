@@ -21,8 +21,10 @@ def as_bytes(data: bytes) -> ByteArray:
 
 def unix_lines(data: bytes) -> bytes:
     """Text whose lines end in carriage returns, as old systems wrote it, with line feeds; other text as it is."""
+    if b"\r" not in data:  # far quicker to ask than how often
+        return data
     returns = data.count(b"\r")
-    if returns and returns - data.count(b"\r\n") > data.count(b"\n"):
+    if returns - data.count(b"\r\n") > data.count(b"\n"):
         return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data
 

@@ -112,18 +112,3 @@ def inertia_frame(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, Fl
     if np.linalg.det(rotation) < 0:
         rotation[2] *= -1.0
     return rotation, np.ascontiguousarray(values[::-1])
-
-
-def canonical_signs(rotation: FloatArray, vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """An inertia frame with its signs settled by the shape: ``(3, 3)``, proper.
-
-    Eigenvectors come with arbitrary signs. Along the first two axes the third moment of the face centres, weighted by
-    area, is made positive, so that a shape in another pose is looked at from the same side. Where it vanishes the shape
-    is mirror-symmetric enough for either side to do.
-    """
-    corners = np.ascontiguousarray((vertices[faces.ravel()] @ rotation.T).T).reshape(3, -1, 3)
-    along = corners[:, :, 0] + corners[:, :, 1] + corners[:, :, 2]
-    skew = (along * along * along) @ _areas(corners)
-    signs = np.where(skew < 0.0, -1.0, 1.0)
-    signs[2] = signs[0] * signs[1]
-    return np.ascontiguousarray(signs[:, None] * rotation)

@@ -51,3 +51,17 @@ def sign_free_mean(vectors: FloatArray) -> FloatArray:
     mean = np.linalg.eigh(vectors.swapaxes(-1, -2) @ vectors)[1][..., -1]
     along = (mean * vectors[..., 0, :]).sum(-1, keepdims=True)
     return np.where(along >= 0, mean, -mean)
+
+
+def axis_angle(quaternions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit quaternions ``(..., 4)`` as unit axes ``(..., 3)`` and angles ``(...)`` in [0, pi] (paper, section 3, end).
+
+    The identity has no axis; it comes out as the x axis with angle 0.
+    """
+    quaternions = np.where(quaternions[..., :1] < 0.0, -quaternions, quaternions)
+    imaginary = quaternions[..., 1:]
+    sine = np.sqrt(np.square(imaginary).sum(-1))
+    axes = np.zeros_like(imaginary)
+    axes[..., 0] = 1.0
+    np.divide(imaginary, sine[..., None], out=axes, where=sine[..., None] > 1e-9)
+    return axes, 2.0 * np.arctan2(sine, quaternions[..., 0])

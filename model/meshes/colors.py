@@ -67,6 +67,8 @@ def to_linear(colors: ByteArray) -> AnyArray:
 
 def from_linear(light: FloatArray) -> ByteArray:
     """Linear light ``(v, 3 or 4)`` from 0 to 1 as sRGB ``(v, 4)`` of 8 bits."""
+    if len(light) > 1 and (light == light[0]).all():  # of a material
+        return np.repeat(from_linear(light[:1]), len(light), axis=0)
     light = np.clip(np.nan_to_num(light), 0.0, 1.0)
     result = np.full((len(light), 4), 255, dtype=np.uint8)
     rgb = light[:, :3]

@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from safetensors import SafetensorError
-from safetensors.torch import load as load_tensors
-from safetensors.torch import save as save_tensors
-from torch import Tensor
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
 
 from model.errors import CheckpointError
+from model.network.architecture import Architecture
 from model.network.inference import CpuNetwork
-from model.network.network import Architecture, PRSNet
+from model.types import AnyArray, BoolArray
+
+if TYPE_CHECKING:  # torch takes longer to import than all the rest, and a detection does without it
+    from model.network.network import PRSNet
 
 FORMAT_VERSION = 1
 SHIPPED = Path(__file__).parents[1] / "weights"
@@ -46,29 +49,70 @@ class InputSpec:
             raise ValueError("sign_frames must be 1 to 8, views 1 or 3")
 
 
+class CompiledNetwork(Protocol):
+    """`model.network.inference.CpuNetwork`, or whatever answers like it."""
+
+    def __call__(self, *views: tuple[BoolArray, BoolArray]) -> tuple[AnyArray, AnyArray]:
+        """Planes ``(F, p, 4)`` and quaternions ``(F, r, 4)`` of the frames of several views."""
+        ...
+
+
 @dataclass(frozen=True)
 class Checkpoint:
-    """A network ready for inference, how to feed it, and its whole record."""
+    """A network ready for inference, how to feed it, and its whole record; ``weights`` by their names in torch."""
 
-    network: PRSNet
+    architecture: Architecture
+    weights: Mapping[str, AnyArray]
     input: InputSpec
     metadata: Mapping[str, Any]
+    given: "PRSNet | None" = None
+
+    @classmethod
+    def of(cls, network: "PRSNet", spec: InputSpec, metadata: Mapping[str, Any]) -> "Checkpoint":
+        """A checkpoint of a network at hand; its weights must not change any more."""
+        return cls(network.architecture, weights_of(network), spec, metadata, network)
 
     @cached_property
-    def compiled(self) -> CpuNetwork:
-        """The network as the detector runs it; its weights must not change any more."""
-        return CpuNetwork(self.network)
+    def network(self) -> "PRSNet":
+        """The network for torch, in evaluation mode."""
+        import torch
+
+        from model.network.network import PRSNet
+
+        network = self.given
+        if network is None:
+            network = PRSNet(self.architecture)
+            network.load_state_dict({name: torch.tensor(value) for name, value in self.weights.items()})
+        return network.eval().requires_grad_(False)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the weights are those of the layers that inference arranges, and of no other."""
+        return {name: value.shape for name, value in self.weights.items()} == self.architecture.weight_shapes()
+
+    @cached_property
+    def compiled(self) -> CompiledNetwork:
+        """The network as the detector runs it."""
+        if self.is_plain:
+            return CpuNetwork(self.architecture, self.weights)
+        from model.network.forward import ForwardNetwork
+
+        return ForwardNetwork(self.network)
 
 
-def save_checkpoint(path: str | os.PathLike[str], network: PRSNet, metadata: Mapping[str, Any]) -> None:
+def weights_of(network: "PRSNet") -> dict[str, AnyArray]:
+    """The weights of a network by their names in torch."""
+    return {name: value.detach().cpu().contiguous().numpy() for name, value in network.state_dict().items()}
+
+
+def save_checkpoint(path: str | os.PathLike[str], network: "PRSNet", metadata: Mapping[str, Any]) -> None:
     """Write ``path`` (`.safetensors`) and its metadata (`.json`); architecture and sha256 are filled in here.
 
     Raises:
         CheckpointError: the metadata lacks a required field.
     """
     path = Path(path)
-    tensors: dict[str, Tensor] = {key: value.contiguous().cpu() for key, value in network.state_dict().items()}
-    payload = save_tensors(tensors)
+    payload = save_tensors(weights_of(network))
     record = {
         "format": FORMAT_VERSION,
         **metadata,
@@ -109,12 +153,12 @@ def load_checkpoint(weights: str | os.PathLike[str] = "default") -> Checkpoint:
     try:
         architecture = Architecture(**record["architecture"])
         spec = InputSpec(**record["input"])
-        network = PRSNet(architecture)
-        network.load_state_dict(load_tensors(payload))
+        checkpoint = Checkpoint(architecture, load_tensors(payload), spec, record)
+        if not checkpoint.is_plain:
+            _ = checkpoint.network  # what does not fit it is refused here
     except (TypeError, ValueError, RuntimeError, SafetensorError) as error:
         raise CheckpointError(f"{path.name} does not fit the network that {beside.name} describes: {error}") from error
-    network.eval().requires_grad_(False)
-    return Checkpoint(network, spec, record)
+    return checkpoint
 
 
 def _parse(text: str, source: Path) -> dict[str, Any]:

@@ -1,59 +1,12 @@
 """PRS-Net, the network of the paper (section 3): voxels in, planes and rotations out. Torch only."""
 
-from dataclasses import asdict, dataclass
-from typing import Any, cast
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 
+from model.network.architecture import HEAD_OUTPUTS, LEAKY_SLOPE, Architecture
 from model.network.sparse_block import convolve, convolve_and_pool
-
-LEAKY_SLOPE = 0.2
-HEAD_OUTPUTS = 4
-"""Parameters of a plane ``(n, d)`` and of a quaternion ``(w, x, y, z)`` alike."""
-
-
-@dataclass(frozen=True, slots=True)
-class Architecture:
-    """What it takes to rebuild a network before its weights are loaded.
-
-    ``resolution`` R is a power of two and gives log2 R convolution blocks. ``width`` multiplies every channel
-    count; 1 is the paper's 4, 8, 16, ... ``batch_norm`` puts a batch normalisation behind each pooling (an eighth of
-    the work of one behind the convolution), which the paper does not have. ``planes`` and ``rotations`` are the numbers
-    of heads, at most three each: the initial directions are the coordinate axes. ``channels``, if given, are the
-    channel counts of the blocks instead of the paper's doubling: the late blocks work on few voxels, so that more of
-    their channels cost little time.
-    """
-
-    resolution: int = 32
-    width: int = 1
-    batch_norm: bool = False
-    planes: int = 3
-    rotations: int = 3
-    channels: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.resolution < 2 or self.resolution & (self.resolution - 1):
-            raise ValueError(f"resolution must be a power of two of at least 2, not {self.resolution}")
-        if self.width < 1 or not 1 <= self.planes <= 3 or not 0 <= self.rotations <= 3:
-            raise ValueError("width must be positive, planes 1 to 3 and rotations 0 to 3")
-        object.__setattr__(self, "channels", tuple(self.channels))  # JSON knows lists only
-        if self.channels and (len(self.channels) != self.blocks or min(self.channels) < 1):
-            raise ValueError(f"channels must be {self.blocks} positive numbers, one a block")
-
-    @property
-    def blocks(self) -> int:
-        """Convolution blocks, each of which halves the resolution."""
-        return self.resolution.bit_length() - 1
-
-    @property
-    def block_channels(self) -> tuple[int, ...]:
-        """Channels each block puts out; those of the last are the feature vector."""
-        return self.channels or tuple(4 * self.width * 2**block for block in range(self.blocks))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The fields as plain values, for the metadata of a checkpoint."""
-        return asdict(self)
 
 
 class PRSNet(nn.Module):
@@ -142,21 +95,6 @@ def unit_planes(planes: Tensor) -> Tensor:
 def unit_quaternions(quaternions: Tensor) -> Tensor:
     """Quaternions ``(..., 4)`` of unit length (section 3)."""
     return quaternions / _length(quaternions).clamp_min(1e-12)
-
-
-def axis_angle(quaternions: Tensor) -> tuple[Tensor, Tensor]:
-    """Turn unit quaternions ``(..., 4)`` into unit axes ``(..., 3)`` and angles ``(...)`` in [0, pi] (section 3, end).
-
-    The identity has no axis; it comes out as the x axis with angle 0.
-    """
-    quaternions = torch.where(quaternions[..., :1] < 0, -quaternions, quaternions)
-    imaginary = quaternions[..., 1:]
-    sine = _length(imaginary)[..., 0]
-    angle = 2.0 * torch.atan2(sine, quaternions[..., 0])
-    fallback = torch.zeros_like(imaginary)
-    fallback[..., 0] = 1.0
-    axis = torch.where(sine[..., None] > 1e-9, imaginary / sine[..., None].clamp_min(1e-12), fallback)
-    return axis, angle
 
 
 def _length(vectors: Tensor) -> Tensor:

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-import torch
 
-from model.geometry.frames import inertia_frame
-from model.geometry.transforms import sign_free_mean
+from model.geometry.integrals import inertia_rotation
+from model.geometry.transforms import axis_angle, sign_free_mean
 from model.geometry.voxels import voxelize
 from model.network.checkpoint import Checkpoint
-from model.network.network import axis_angle
 from model.types import BoolArray, FloatArray, IntArray
 
 _SIGNS = np.array(sorted(product((1.0, -1.0), repeat=3), key=lambda signs: signs.count(-1.0)))
@@ -38,13 +36,13 @@ def input_rotation(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray
     """The rotation ``(3, 3)`` from the unit frame to the frame the network is fed with first."""
     if checkpoint.input.frame == "unit":
         return np.eye(3)
-    return inertia_frame(vertices, faces)[0]
+    return inertia_rotation(vertices, faces)
 
 
 def rotated_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> BoolArray:
     """The turned shape as the network is to see it: ``(R, R, R)``."""
     turned = np.ascontiguousarray(vertices @ rotation.T)
-    return voxelize(turned, faces, checkpoint.network.architecture.resolution)
+    return voxelize(turned, faces, checkpoint.architecture.resolution)
 
 
 def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence[FloatArray]) -> list[Proposals]:
@@ -76,7 +74,7 @@ def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: int) -> t
     """Planes and quaternions ``(heads, views x frames, 4)``, those of a view in the frame of its voxels."""
     signs = _SIGNS[:frames]
     outputs = checkpoint.compiled(*((grid, signs < 0) for grid in grids))
-    planes, quaternions = (output.double().numpy().transpose(1, 0, 2).copy() for output in outputs)
+    planes, quaternions = (output.astype(np.float64).transpose(1, 0, 2).copy() for output in outputs)
     # Unit to seven digits as they come; their matrices are to be orthogonal to the last.
     planes /= np.linalg.norm(planes[..., :3], axis=-1, keepdims=True)
     quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
@@ -99,7 +97,7 @@ def _with_means(values: FloatArray, mean: Callable[[FloatArray], FloatArray]) ->
 
 def _proposals(planes: FloatArray, quaternions: FloatArray, rotations: Sequence[FloatArray]) -> list[Proposals]:
     """Answers ``(h, v, k, 4)`` of every view, out of the frame of its voxels back into the unit frame."""
-    directions, angles = (values.numpy() for values in axis_angle(torch.as_tensor(quaternions)))
+    directions, angles = axis_angle(quaternions)
     return [
         Proposals(
             np.concatenate([planes[:, view, :, :3] @ rotation, planes[:, view, :, 3:]], axis=-1).reshape(-1, 4),

@@ -51,7 +51,7 @@ def look(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence
     candidates = predict(checkpoint, grids, rotations)
     if len(grids) == checkpoint.input.sign_frames == 1:
         return candidates[0]
-    heads = checkpoint.network.architecture
+    heads = checkpoint.architecture
     return select_proposals(candidates, grids[0], rotations[0], heads.planes, heads.rotations)
 
 

@@ -184,7 +184,9 @@ Serving = Callable[..., AbstractAsyncContextManager[tuple[httpx.AsyncClient, Run
 async def serve_in_memory(
     detector: Any, *, wait: bool = True, **settings: Any
 ) -> AsyncGenerator[tuple[httpx.AsyncClient, Runtime], None]:
-    app = create_app(Settings(**{"workers": 1, "queue": 1, "deadline_s": 20.0, **settings}), forked(detector))
+    app = create_app(
+        Settings(**{"workers": 1, "queue": 1, "deadline_s": 20.0, "cache_bytes": 0, **settings}), forked(detector)
+    )
     runtime: Runtime = app.state.runtime
     transport = httpx.ASGITransport(app, raise_app_exceptions=False)
     async with (

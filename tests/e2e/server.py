@@ -51,12 +51,17 @@ class Server:
 
 @contextmanager
 def launched(log: Path, **settings: str) -> Iterator[Server]:
-    """A server process that may still be starting; ``settings`` without their prefix."""
+    """A server process that may still be starting; ``settings`` without their prefix. No answer is kept, unless asked.
+
+    Most tests send one file again and again to have it worked on again and again.
+    """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PRSNET_")}
-    environment |= {"PRSNET_DRAIN_S": "0.5"} | {f"PRSNET_{name}": value for name, value in settings.items()}
+    environment |= {"PRSNET_DRAIN_S": "0.5", "PRSNET_CACHE_BYTES": "0"} | {
+        f"PRSNET_{name}": value for name, value in settings.items()
+    }
     with log.open("wb") as output:
         process = subprocess.Popen(
             [sys.executable, "-W", "error", "-m", "app", "serve", "--port", str(port)],

@@ -10,8 +10,9 @@ import numpy as np
 from model.detector import Detector, use_one_thread
 from model.geometry.frames import UnitFrame
 from model.meshes.mesh import Mesh
+from model.network.architecture import Architecture
 from model.network.checkpoint import Checkpoint, InputSpec, load_checkpoint
-from model.network.network import Architecture, PRSNet
+from model.network.network import PRSNet
 from model.search.full import Sources
 from training.evaluation.matching import Found, FoundAxis
 from training.evaluation.method import Answer
@@ -101,7 +102,7 @@ def _detector(weights: str) -> Detector:
 
 def _untrained() -> Checkpoint:
     network = PRSNet(Architecture()).eval().requires_grad_(False)
-    return Checkpoint(network, InputSpec("unit"), {"name": UNTRAINED, "version": "", "sha256": ""})
+    return Checkpoint.of(network, InputSpec("unit"), {"name": UNTRAINED, "version": "", "sha256": ""})
 
 
 def _suffix(weights: str) -> str:

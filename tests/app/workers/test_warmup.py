@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from app.outputs.registry import MESH_WRITERS
 from app.workers.warmup import sample_files
+from benchmarks.meshes import SHAPES
 from model.formats import read_mesh
 from tests.app.fakes import DATA
 
@@ -50,8 +53,12 @@ def test_every_sample_is_the_same_box(name: str, data: bytes) -> None:
     assert mesh.area == pytest.approx(22)
 
 
-def test_real_files_need_no_further_kernel_and_no_further_module() -> None:
-    files = sorted(str(path) for path in DATA.iterdir() if path.suffix != ".md")
+def test_real_files_need_no_further_kernel_and_no_further_module(tmp_path: Path) -> None:
+    """Open, crossing, thin and scattered surfaces among them."""
+    for name, shape in SHAPES.items():
+        (tmp_path / f"{name}.stl").write_bytes(MESH_WRITERS["stl"].file(*shape(600)))
+    found = [*DATA.iterdir(), *tmp_path.iterdir()]
+    files = sorted(str(path) for path in found if path.suffix != ".md")
     command = [sys.executable, "-c", LATE_KERNELS, *files]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=True)
     # A worker could load neither: it opens no file.

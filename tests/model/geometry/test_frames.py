@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.meshes import displaced_sphere
 from model.errors import DegenerateMeshError
-from model.geometry.frames import UnitFrame, canonical_signs, inertia_frame
+from model.geometry.frames import UnitFrame, inertia_frame
+from model.geometry.integrals import inertia_rotation, principal_frame, unit_frame
 from model.geometry.sampling import sample_surface
 from model.meshes.mesh import Mesh
 from tests.shapes import as_mesh, box, known, moved, pose, subdivided
@@ -107,10 +109,55 @@ def test_an_inertia_frame_is_looked_at_from_the_same_side_in_every_pose():
     mesh = as_mesh(known("none", 1))
     frame = UnitFrame.of(mesh.vertices, mesh.faces)
     vertices = frame.to_unit(mesh.vertices)
-    still = canonical_signs(inertia_frame(vertices, mesh.faces)[0], vertices, mesh.faces)
+    still = principal_frame(vertices, mesh.faces)
     for seed in range(6):
         turn = random_rotation(np.random.default_rng(seed))
         turned = np.ascontiguousarray(vertices @ turn.T)
-        found = canonical_signs(inertia_frame(turned, mesh.faces)[0], turned, mesh.faces)
+        found = principal_frame(turned, mesh.faces)
         assert np.linalg.det(found) == pytest.approx(1.0)
         np.testing.assert_allclose(found, still @ turn.T, atol=1e-9)
+
+
+def test_compiled_frames_are_those_of_numpy():
+    """Also of many blocks of faces, far from the origin, with vertices that no face uses."""
+    large = Mesh.checked(*displaced_sphere(30_000))
+    for mesh in [*shapes(), large]:
+        rotation, translation, scale = pose(3)
+        other = moved(mesh, rotation, 100.0 * translation, scale)
+        vertices = np.concatenate([other.vertices, [[np.nan] * 3, [1e9] * 3]])
+        ours, theirs = unit_frame(vertices, other.faces), UnitFrame.of(vertices, other.faces)
+        np.testing.assert_allclose(ours.center, theirs.center, rtol=1e-13)
+        assert ours.scale == pytest.approx(theirs.scale, rel=1e-12)
+        unit = np.ascontiguousarray(ours.to_unit(other.vertices))
+        expected, values = inertia_frame(unit, other.faces)
+        if np.abs(np.diff(values)).min() > 1e-3:  # else the axes are arbitrary
+            np.testing.assert_allclose(inertia_rotation(unit, other.faces), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_compiled_frames_refuse_what_has_no_area(size: float):
+    vertices = size * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    faces = np.array([[0, 1, 2]], dtype=np.int32)
+    for frame in (UnitFrame.of, unit_frame):
+        with pytest.raises(DegenerateMeshError):
+            frame(vertices, faces)
+
+
+@pytest.mark.parametrize("order", [3, 4, 7])
+def test_where_moments_tie_rounding_does_not_choose_the_frame(order: int):
+    """A prism on a regular polygon, in any pose: the last digits of its coordinates do not turn its frame."""
+    angles = 2.0 * np.pi * np.arange(order) / order
+    circle = 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
+    vertices = np.concatenate([np.column_stack([circle, np.full(order, height)]) for height in (-0.2, 0.2)])
+    j = np.arange(order)
+    k = (j + 1) % order
+    faces = np.concatenate([np.stack([j, k, k + order], 1), np.stack([j, k + order, j + order], 1)]).astype(np.int32)
+    rng = np.random.default_rng(order)
+    for turn in [np.eye(3), *[random_rotation(rng) for _ in range(4)]]:
+        found = [
+            inertia_rotation(np.ascontiguousarray((vertices + 1e-9 * rng.normal(size=vertices.shape)) @ turn.T), faces)
+            for _ in range(4)
+        ]
+        assert np.linalg.det(found[0]) == pytest.approx(1.0)
+        for other in found[1:]:
+            np.testing.assert_allclose(np.abs(np.sum(found[0] * other, axis=1)), 1.0, atol=1e-9)

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from model.errors import CheckpointError
+from model.network.architecture import Architecture
 from model.network.checkpoint import InputSpec, load_checkpoint, save_checkpoint
-from model.network.network import Architecture, PRSNet
+from model.network.network import PRSNet
 
 METADATA = {
     "name": "test", "version": "0", "input": {"frame": "inertia", "passes": 2, "sign_frames": 8, "views": 3},

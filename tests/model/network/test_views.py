@@ -1,5 +1,7 @@
 """Of several views the one that is right is believed, by the voxels alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect, rotation_matrix
 from model.geometry.voxels import voxelize
-from model.network.checkpoint import Checkpoint, InputSpec, load_checkpoint
+from model.network.checkpoint import InputSpec, load_checkpoint
 from model.network.proposals import Proposals, predict
 from model.network.views import VIEWS, other_views, select_proposals
 from model.types import FloatArray, IntArray
@@ -119,7 +121,7 @@ def test_means_of_mirrored_frames_are_exact_where_the_shape_is_symmetric():
     grid = voxelize(vertices, FACES)
     for frames, exact in ((1, False), (2, True)):
         spec = InputSpec(checkpoint.input.frame, 1, frames)
-        said = predict(Checkpoint(checkpoint.network, spec, checkpoint.metadata), [grid], [np.eye(3)])[0]
+        said = predict(replace(checkpoint, input=spec), [grid], [np.eye(3)])[0]
         upright = said.planes[np.abs(said.planes[:, 2]) > 0.9]
         assert len(upright)
         for directions in (said.planes[:, :3], said.directions):
@@ -140,7 +142,7 @@ def test_a_square_tower_is_seen_better_from_several_views():
         samples, _ = sample_surface(vertices, FACES, 500, seed=0)
         for views, found in errors.items():
             spec = InputSpec(checkpoint.input.frame, checkpoint.input.passes, 1, views)
-            planes = Detector(Checkpoint(checkpoint.network, spec, checkpoint.metadata)).propose(vertices, FACES).planes
+            planes = Detector(replace(checkpoint, input=spec)).propose(vertices, FACES).planes
             upright = planes[np.abs(planes[:, 2]) < 0.5]
             found.append(min(surface.mean_squared_distance(reflect(samples, plane)) for plane in upright))
     assert np.max(errors[VIEWS]) < 4e-4

@@ -7,7 +7,8 @@ import torch
 from torch import nn
 from typer.testing import CliRunner
 
-from model.network.network import Architecture, PRSNet
+from model.network.architecture import Architecture
+from model.network.network import PRSNet
 from training import __main__ as cli
 from training.data.prepared import PreparedSet
 from training.recipe import Recipe

@@ -1,0 +1,89 @@
+"""What a detection costs, counted and not timed: calls in Python, nodes of the tree looked into, bytes held at a time.
+
+The limits are about one and a half times what was counted when they were written: a step that costs twice as much is
+noticed on every machine, however busy. Whoever makes a step cheaper lowers them.
+"""
+
+import sys
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.meshes import SHAPES
+from model import Detector, Mesh, read_mesh
+from model import detector as module
+from model.geometry.surface import WORK, SurfaceIndex
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+@pytest.fixture(scope="module")
+def detector() -> Detector:
+    loaded = Detector.load()
+    loaded.warm_up()
+    return loaded
+
+
+@pytest.fixture
+def indices(monkeypatch: pytest.MonkeyPatch) -> list[SurfaceIndex]:
+    """The distance structures that a detection makes."""
+    made: list[SurfaceIndex] = []
+
+    class Watched(SurfaceIndex):
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            made.append(self)
+
+    monkeypatch.setattr(module, "SurfaceIndex", Watched)
+    return made
+
+
+def mesh_of(name: str) -> Mesh:
+    if name in SHAPES:
+        return Mesh.checked(*SHAPES[name](4_500))
+    return read_mesh((DATA / name).read_bytes(), name)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "calls", "visits", "bytes_held"),
+    [
+        ("chair.obj", "full", 12_000, 80_000, 900_000),
+        ("chair.obj", "paper", 2_300, 40_000, 2_200_000),
+        ("stool.3mf", "full", 33_000, 230_000, 1_900_000),
+        ("rough", "full", 65_000, 3_000_000, 10_000_000),
+        ("rough", "paper", 2_400, 80_000, 2_300_000),
+        ("soup", "full", 22_000, 1_200_000, 8_200_000),
+        ("lattice", "paper", 3_300, 80_000, 2_500_000),
+    ],
+)
+def test_a_detection_costs_no_more_than_it_did(
+    name: str, mode: Any, calls: int, visits: int, bytes_held: int, detector: Detector, indices: list[SurfaceIndex]
+) -> None:
+    mesh = mesh_of(name)
+    detector.detect(mesh, mode=mode)  # what is kept from one to the next is there
+    indices.clear()
+    count = 0
+
+    def counted(frame: Any, event: str, argument: Any) -> None:
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    sys.setprofile(counted)
+    try:
+        detector.detect(mesh, mode=mode)
+    finally:
+        sys.setprofile(None)
+    visited = sum(WORK - index.work_left for index in indices)
+    tracemalloc.start()
+    try:
+        detector.detect(mesh, mode=mode)
+        held = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(indices) == 2
+    found = {"calls": count, "visits": round(visited), "bytes": held}
+    assert 0 < count <= calls, found
+    assert 0 < visited <= visits, found
+    assert 0 < held <= bytes_held, found
