@@ -95,9 +95,10 @@ class Ladder:
             return False
         matrices = np.concatenate([group.generators.matrices, operation.matrices])
         grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle)
-        if grown is None:
+        identified = None if grown is None else identify(grown, angle)
+        if identified is None:
             return False
-        name, frame = identify(grown, angle)
+        name, frame = identified
         members = Operations.joined([group.generators, operation])
         centre = common_point(members, group.centre)
         if distances_from(members, centre).max() > settings.same_distance:

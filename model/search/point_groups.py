@@ -105,16 +105,21 @@ def axial_name(order: int, *, through: bool, across: bool, half_turns: bool, rot
     return f"S{2 * order}" if rotoreflection else f"C{order}"
 
 
-def identify(matrices: FloatArray, same: float = closure.SAME) -> tuple[str, FloatArray]:
+def identify(matrices: FloatArray, same: float = closure.SAME) -> tuple[str, FloatArray] | None:
     """The symbol of a finite group ``(g, 3, 3)`` and its frame.
 
-    The matrices need not be exact: those within ``same`` radians count as one.
+    The matrices need not be exact: those within ``same`` radians count as one. So some that are closed by chance may
+    be no group at all.
 
     Returns:
-        the Schoenflies symbol, and ``(3, 3)``, a proper rotation whose rows are the axes of the group's own frame.
+        the Schoenflies symbol, and ``(3, 3)``, a proper rotation whose rows are the axes of the group's own frame;
+        None if they are not the members of any point group.
     """
     name = closure.name(matrices, same)
     normals, directions, orders = closure.elements(matrices, same)
+    group = point_group(name)
+    if len(normals) != len(group.normals) or sorted(orders) != sorted(group.orders) or len(matrices) != group.size:
+        return None
     if name in ("C1", "Ci"):
         return name, np.eye(3)
     if name == "Cs":

@@ -26,9 +26,10 @@ def exact_part(verdict: Verdict) -> Hypothesis | None:
     if not fits.any():
         return None
     members = closure.closure(operations.matrices[fits])
-    if members is None or len(members) == len(level.matrices):
+    identified = None if members is None or len(members) == len(level.matrices) else identify(members)
+    if identified is None:
         return None
-    name, frame = identify(members)
+    name, frame = identified
     return None if name == "C1" else Hypothesis(point_group(name), frame, level.centre)
 
 

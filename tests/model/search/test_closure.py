@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from model.geometry.operations import Operations
 from model.search import closure
+from model.search.point_groups import identify, point_group
 from training.shapes.point_groups import group_elements, group_matrices
 from training.shapes.solids import random_rotation
 
@@ -60,3 +62,20 @@ def test_rotations_that_fit_no_finite_group_are_given_up():
     turns = [np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]) for a in (1.0, 2.0**0.5)]
     assert closure.closure(np.stack(turns)) is None
     assert closure.closure(group_matrices("D24h"), largest=12) is None
+
+
+def test_what_closes_by_chance_is_no_group() -> None:
+    """With a wide tolerance some products are taken for others."""
+    rng = np.random.default_rng(3)
+    checked = 0
+    for _ in range(300):
+        directions = rng.normal(size=(2, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        angles = 2.0 * np.pi / rng.integers(2, 6, size=2)
+        members = closure.closure(Operations.rotations(directions, np.zeros(3), angles).matrices, 12, np.deg2rad(12.0))
+        if members is None:
+            continue
+        identified = identify(members, np.deg2rad(12.0))
+        checked += identified is None
+        assert identified is None or len(members) == point_group(identified[0]).size
+    assert checked

@@ -130,6 +130,20 @@ def test_a_level_is_chosen_by_tolerance(detector: Detector) -> None:
     assert detector.detect(mesh, tolerance=0.5 * needed).point_group == "C1"
 
 
+def test_what_is_exact_of_a_broken_group_is_a_level(detector: Detector) -> None:
+    corners = [(x, y) for x in (-1, 1) for y in (-1, 1)]
+    plate = studded(corners)
+    label = trimesh.creation.box([0.3, 0.3, 0.02]).apply_translation([3.0, 0.0, 0.505])
+    whole = trimesh.util.concatenate([trimesh.Trimesh(plate.vertices, plate.faces, process=False), label])
+    mesh = Mesh.checked(np.array(whole.vertices), np.array(whole.faces))
+    detection = detector.detect(mesh)
+    assert [(level.point_group, level.exact) for level in detection.levels] == [("Cs", True), ("C2v", False)]
+    exact = detector.detect(mesh, level="exact")
+    assert exact.point_group == "Cs"
+    assert exact.planes[0].exact
+    np.testing.assert_allclose(np.abs(exact.planes[0].normal), [0.0, 1.0, 0.0], atol=1e-6)
+
+
 def test_a_label_is_seen_however_small(detector: Detector) -> None:
     height = 0.02
     labelled = together(([10.0, 6.0, 2.0], [0, 0, 0]), ([1.0, 0.3, height], [2.0, 1.5, 1.0 + height / 2]))
