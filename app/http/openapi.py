@@ -55,6 +55,7 @@ _EXAMPLE_PLANE = {
     "rms_distance": 4.5e-9,
     "max_distance": 1.3e-8,
     "coverage": 1.0,
+    "confidence": 0.97,
     "exact": True,
     "continuous": False,
 }
@@ -84,6 +85,7 @@ _EXAMPLE_RESPONSE: dict[str, Any] = {
             "missing": 0.0,
             "exact": True,
             "chosen": True,
+            "confidence": 0.97,
             "breaks": [],
         }
     ],

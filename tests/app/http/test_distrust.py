@@ -33,7 +33,8 @@ JOB = Job("chair.obj", "full", 4e-4, [], 1000, 1000, 10, 1000, 1.0, 0, "inline")
 CARD = Card("prs-net", "1", "0" * 64, {}, ["obj"], 1)
 AXIS = {
     "direction": [0.0, 0.0, 1.0], "point": [0.0, 0.0, 0.0], "order": None, "continuous": True, "matrix": None,
-    "symmetry_error": 0.0, "rms_distance": 0.0, "max_distance": 0.0, "coverage": 1.0, "exact": True,
+    "symmetry_error": 0.0, "rms_distance": 0.0, "max_distance": 0.0, "coverage": 1.0, "confidence": None,
+    "exact": True,
 }  # fmt: skip
 
 

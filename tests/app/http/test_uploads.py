@@ -1,6 +1,7 @@
 """The multipart reader: what it accepts and refuses, and that the limit holds while the body streams in."""
 
 import asyncio
+import hashlib
 import os
 from pathlib import Path
 from typing import Any
@@ -42,12 +43,17 @@ class Body:
 
 
 def read(
-    body: Body, limit: int = LIMIT, spool_bytes: int = 1 << 20, spool_dir: str | None = None, **headers: str
+    body: Body,
+    limit: int = LIMIT,
+    spool_bytes: int = 1 << 20,
+    spool_dir: str | None = None,
+    cache_bytes: int = 1 << 20,
+    **headers: str,
 ) -> Upload:
     headers = {"content_type": f"multipart/form-data; boundary={BOUNDARY}", **headers}
     raw = [(name.replace("_", "-").encode(), value.encode()) for name, value in headers.items()]
     scope = {"type": "http", "method": "POST", "path": "/detect", "headers": raw, "query_string": b""}
-    settings = Settings(max_upload_bytes=limit, spool_bytes=spool_bytes, spool_dir=spool_dir)
+    settings = Settings(max_upload_bytes=limit, spool_bytes=spool_bytes, spool_dir=spool_dir, cache_bytes=cache_bytes)
     return asyncio.run(read_upload(Request(scope, body), settings))
 
 
@@ -62,7 +68,9 @@ def test_every_way_to_cut_the_body_gives_the_same_bytes(size: int) -> None:
     content = b"\r\n--Xb\r\n--XbY\r--\n" + bytes(range(256)) + b"\r\n-"
     whole = part(content) + END
     chunks = [whole[i : i + size] for i in range(0, len(whole), size)]
-    assert read(Body(chunks)) == Upload("a.stl", len(content), content)
+    digest = hashlib.sha256(content).hexdigest()
+    assert read(Body(chunks)) == Upload("a.stl", len(content), content, digest=digest)
+    assert read(Body(chunks), cache_bytes=0) == Upload("a.stl", len(content), content)
 
 
 @pytest.mark.parametrize("spool_bytes", [0, 1, 100, 10_000, 300_000])
