@@ -47,8 +47,8 @@ def seen_from(cloud: FloatArray, points: FloatArray, direction: FloatArray, pixe
     axes = np.concatenate([np.linalg.svd(direction[None])[2][1:], direction[None]])
     depth = np.full((PIXELS + 2, PIXELS + 2), np.inf)
     seen = np.zeros(len(points), dtype=np.bool_)
-    arrays = (kernel_array(part, np.float64) for part in (cloud, points, axes))
-    _look(*arrays, pixel, _TOLERANCE * pixel, depth, seen)
+    cloud, points, axes = (kernel_array(part, np.float64) for part in (cloud, points, axes))
+    _look(cloud, points, axes, pixel, _TOLERANCE * pixel, depth, seen)
     return seen
 
 
