@@ -188,6 +188,7 @@ def mesh_info(mesh: "Mesh", filename: str) -> schemas.MeshInfo:
         faces=len(mesh.faces),
         bounds=_rows(mesh.bounds),
         watertight=bool(mesh.watertight),
+        kind=mesh.kind,
     )
 
 

@@ -92,6 +92,10 @@ class MeshInfo(Schema):
         description="Smallest and largest corner."
     )
     watertight: bool = Field(description="Every edge belongs to exactly two faces, identical vertices merged.")
+    kind: Literal["mesh", "points"] = Field(
+        default="mesh",
+        description="Of a point cloud the vertices are the points that were used, the faces triangles between them.",
+    )
 
 
 class ModelInfo(Schema):

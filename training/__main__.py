@@ -87,6 +87,23 @@ def label(
 
 
 @app.command()
+def views(
+    prepared: Annotated[Path, typer.Argument(help="Folder that `prepare` wrote.")],
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    progress: Verbose = True,
+) -> None:
+    """Render what depth images from random sides see, for the recipe's damage.scans. Call it again to resume."""
+    from training.data.prepared import PreparedSet
+    from training.data.views import render_views
+
+    try:
+        summary = render_views(PreparedSet(prepared), workers, progress)
+    except (ValueError, OSError) as error:
+        raise typer.BadParameter(str(error)) from error
+    typer.echo(f"{summary.shapes} shapes in {summary.pieces} pieces")
+
+
+@app.command()
 def fit(
     prepared: Annotated[Path, typer.Argument(help="A prepared set.")],
     run: Annotated[Path, typer.Option("--run", "-r", help="Folder of the run; an interrupted run is resumed.")],

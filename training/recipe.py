@@ -35,16 +35,23 @@ class DamageRecipe:
 
     ``share`` of the shapes lose the triangles in a ball, its ``radius`` (from, to) a share of the unit frame's edge.
     ``cuts`` of the shapes lose what lies beyond a random plane: a missing bottom, a scan from one side. Neither takes
-    more than half of the surface. ``noise`` of the shapes get uniform noise on every vertex, its standard deviation
-    (unit frame) drawn up to ``noise_size``. ``clusters`` of them are decimated: vertices in one cell of a random grid,
-    its edge drawn up to ``cluster_size``, become one. Of ``doubled`` of them the part beyond a random plane is there
-    twice.
-    ``spikes`` of them get a needle of a length drawn up to ``spike_length`` on a random triangle.
+    more than 1 - ``least`` of the surface. ``scans`` of the shapes are seen by one, two or three depth images alone,
+    from random sides, as ``scan_shares`` say (needs `training views`). Of ``sparse`` of them more and more triangles
+    are missing along a random direction: uneven density. ``noise`` of the shapes get uniform noise on every vertex, its
+    standard deviation (unit frame) drawn up to ``noise_size``. ``clusters`` of them are decimated: vertices in one cell
+    of a random grid, its edge drawn up to ``cluster_size``, become one. Of ``doubled`` of them the part beyond a random
+    plane is there twice.
+    ``spikes`` of them get a needle of a length drawn up to ``spike_length`` on a random triangle, ``outliers`` of them
+    up to ten specks anywhere about them.
     """
 
     share: float = 0.0
     radius: tuple[float, float] = (0.1, 0.3)
     cuts: float = 0.0
+    least: float = 0.5
+    scans: float = 0.0
+    scan_shares: tuple[float, ...] = (0.5, 0.25, 0.25)
+    sparse: float = 0.0
     noise: float = 0.0
     noise_size: float = 0.01
     clusters: float = 0.0
@@ -52,6 +59,7 @@ class DamageRecipe:
     doubled: float = 0.0
     spikes: float = 0.0
     spike_length: float = 0.4
+    outliers: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from app.bulk.libraries import filesystems, fsspec, pa
-from model.formats import FORMATS
+from model.formats import SOUGHT
 
-MESHES = tuple(f".{name}" for name in FORMATS)
+MESHES = tuple(f".{name}" for name in sorted(SOUGHT))
 SHARDS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz")
 _MAGIC = re.compile(r"[*?\[]")
 _SCHEME = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://")

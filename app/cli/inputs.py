@@ -11,7 +11,7 @@ from pathlib import Path
 
 import typer
 
-from model.formats import FORMATS
+from model.formats import SOUGHT
 
 STANDARD_INPUT = "-"
 _OWN_ENDING = "-symmetries.glb"
@@ -29,7 +29,7 @@ def expand(names: Iterable[str]) -> tuple[list[Path], list[tuple[Path, str]]]:
     for name in names:
         path = Path(name)
         if path.is_dir():
-            inside = (item for item in path.rglob("*") if item.suffix[1:].lower() in FORMATS and item.is_file())
+            inside = (item for item in path.rglob("*") if item.suffix[1:].lower() in SOUGHT and item.is_file())
             matches, reason = sorted(inside), "The folder holds no mesh files."
         elif path.exists() or not glob.has_magic(name):
             found[path] = None

@@ -55,7 +55,7 @@ _EXAMPLE_PLANE = {
     "rms_distance": 4.5e-9,
     "max_distance": 1.3e-8,
     "coverage": 1.0,
-    "confidence": 0.97,
+    "confidence": 1.0,
     "exact": True,
     "continuous": False,
 }
@@ -71,6 +71,7 @@ _EXAMPLE_RESPONSE: dict[str, Any] = {
         "faces": 260,
         "bounds": [[0.0, 0.0, 0.0], [1.0, 0.9, 0.6]],
         "watertight": True,
+        "kind": "mesh",
     },
     "model": {"name": "prs-net", "version": "1", "sha256": "0" * 64},
     "timings_ms": {"parse": 0.2, "voxelize": 0.3, "infer": 1.1, "refine": 0.0, "validate": 2.0, "total": 3.7},
@@ -83,9 +84,9 @@ _EXAMPLE_RESPONSE: dict[str, Any] = {
             "rms_distance": 0.0,
             "next_rms_distance": None,
             "missing": 0.0,
+            "confidence": 1.0,
             "exact": True,
             "chosen": True,
-            "confidence": 0.97,
             "breaks": [],
         }
     ],

@@ -22,6 +22,11 @@ _QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6)]
 _TRIANGLES = [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
 _SPLIT = [*_TRIANGLES, *[(a, b, c) for a, b, c, _ in _QUADS], *[(a, c, d) for a, _, c, d in _QUADS]]
 _MIXED = [*_QUADS, *_TRIANGLES]
+_CLOUD = [
+    (x / 2, y / 2, z / 2)
+    for x, y, z in itertools.product(range(3), range(5), range(7))
+    if x in (0, 2) or y in (0, 4) or z in (0, 6)
+]
 _PLY_HEADER = (
     "ply\nformat {} 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
     "element face {}\nproperty list uchar int vertex_indices\nend_header\n"
@@ -34,7 +39,7 @@ def warm_up(detector: SymmetryDetector) -> None:
     A worker may open no file: whatever is imported, compiled or read from a cache at first use is used here.
     """
     detector.warm_up()
-    for name, data in sample_files():
+    for name, data in (*sample_files(), *sample_clouds()):
         read_mesh(data, name)
     warm_up_kernels()
     for job, data in sample_jobs():
@@ -86,7 +91,22 @@ def sample_files() -> list[tuple[str, bytes]]:
     ]
 
 
-def _lines(rows: Iterable[tuple[int, ...]], between: str = "\n") -> str:
+def sample_clouds() -> list[tuple[str, bytes]]:
+    """Points of the same box, in the variants that are read by different kernels."""
+    return [("cloud.xyz", _lines(_CLOUD).encode()), ("cloud.pcd", _packed_pcd())]
+
+
+def _packed_pcd() -> bytes:
+    count = len(_CLOUD)
+    plain = b"".join(struct.pack(f"<{count}f", *column) for column in zip(*_CLOUD, strict=True))
+    # LZF that packs nothing: runs of up to 32 bytes as they are.
+    runs = (plain[at : at + 32] for at in range(0, len(plain), 32))
+    packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+    header = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\nPOINTS {count}\n"
+    return f"{header}DATA binary_compressed\n".encode() + struct.pack("<II", len(packed), len(plain)) + packed
+
+
+def _lines(rows: Iterable[tuple[float, ...]], between: str = "\n") -> str:
     return between.join(" ".join(map(str, row)) for row in rows)
 
 

@@ -1,4 +1,6 @@
-"""Mesh files: one record a format, one reader a format, chosen by the file's name and checked against its content.
+"""Mesh files and point clouds: one record a format, one reader a format.
+
+The reader is chosen by the file's name and checked against its content.
 
 All lists of formats (in the service, the command line, the viewer, in error messages) come from `FORMATS`. It is light:
 the readers, with compiled kernels behind them, are loaded when the first file is read.
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from model.formats.reading import read_mesh
 
-__all__ = ["FORMATS", "MeshFormat", "format_list", "read_mesh"]
+__all__ = ["FORMATS", "SOUGHT", "MeshFormat", "format_list", "read_mesh"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +26,8 @@ class MeshFormat:
         module: the module of this package whose ``READERS`` has its reader.
         up: the coordinate axis that by convention points upwards.
         note: a restriction, as it follows the label in a list.
+        points: whether a file without faces is a point cloud.
+        sought: whether files of that name in a folder are taken for shapes; tables and arrays may be anything.
     """
 
     extension: str
@@ -31,21 +35,34 @@ class MeshFormat:
     module: str
     up: Literal["y", "z"]
     note: str = ""
+    points: bool = False
+    sought: bool = True
 
 
 FORMATS: dict[str, MeshFormat] = {
     format.extension: format
     for format in (
         MeshFormat("stl", "STL", "_stl", up="z"),
-        MeshFormat("obj", "OBJ", "_obj", up="y"),
-        MeshFormat("ply", "PLY", "_ply", up="y"),
-        MeshFormat("off", "OFF", "_off", up="y"),
+        MeshFormat("obj", "OBJ", "_obj", up="y", points=True),
+        MeshFormat("ply", "PLY", "_ply", up="y", points=True),
+        MeshFormat("off", "OFF", "_off", up="y", points=True),
         MeshFormat("glb", "GLB", "_gltf", up="y"),
         MeshFormat("gltf", "glTF", "_gltf", up="y", note="with its .bin"),
         MeshFormat("3mf", "3MF", "_3mf", up="z"),
+        MeshFormat("xyz", "XYZ", "_xyz", up="z", points=True),
+        MeshFormat("pts", "PTS", "_xyz", up="z", points=True),
+        MeshFormat("pcd", "PCD", "_pcd", up="z", points=True),
+        MeshFormat("las", "LAS", "_arrays", up="z", points=True),
+        MeshFormat("npy", "NPY", "_arrays", up="z", points=True, sought=False),
+        MeshFormat("npz", "NPZ", "_arrays", up="z", points=True, sought=False),
+        MeshFormat("csv", "CSV", "_xyz", up="z", points=True, sought=False),
     )
 }
 """The formats by extension, in the order they are listed and, where a file is misnamed, tried."""
+
+
+SOUGHT = frozenset(format.extension for format in FORMATS.values() if format.sought)
+"""What is looked for in folders."""
 
 
 def format_list() -> str:

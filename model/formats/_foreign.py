@@ -9,7 +9,7 @@ from model.formats import FORMATS
 _TESSELLATE = "Open it in a CAD program, such as FreeCAD, and export a mesh as STL or 3MF."
 _EXPORT = "Open it in Blender, or in the program that made it, and export it as GLB."
 _UNPACK = "Unpack it and send the mesh that is inside."
-_POINTS = "It holds points; reconstruct a surface, with MeshLab for example, and save that as PLY."
+_POINTS = "It holds points; save them as PLY, PCD or LAS, with CloudCompare for example."
 _NO_GEOMETRY = "It holds materials, pictures or text; send the file with the mesh."
 
 _NEXT_STEPS: dict[str, str] = {
@@ -24,7 +24,7 @@ _NEXT_STEPS: dict[str, str] = {
         _EXPORT,
     ),
     **dict.fromkeys(("zip", "gz", "tgz", "bz2", "xz", "7z", "rar", "tar", "zst"), _UNPACK),
-    **dict.fromkeys(("xyz", "pcd", "las", "laz", "pts", "e57"), _POINTS),
+    **dict.fromkeys(("laz", "e57", "ptx", "copc"), _POINTS),
     **dict.fromkeys(("mtl", "png", "jpg", "jpeg", "bmp", "tga", "txt", "pdf", "html", "json"), _NO_GEOMETRY),
     "bin": "It holds the numbers of a .gltf file; send that file, with this one beside it.",
 }  # fmt: skip
@@ -50,7 +50,6 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"\x89PNG", "a picture. Send the mesh itself."),
     (b"\xff\xd8\xff", "a picture. Send the mesh itself."),
     (b"DRACO", "bare Draco data. Decode it with draco_decoder to OBJ or PLY, or put it into a GLB."),
-    (b"# .PCD", f"a PCD file. {_POINTS}"),
 )  # fmt: skip
 
 
@@ -89,7 +88,7 @@ def _archive(data: bytes) -> str:
         return ""
     if any(kind in ("usd", "usda", "usdc") for kind in kinds):
         return f"a USDZ file. {_EXPORT}"
-    if "model" in kinds:
+    if "model" in kinds or all(kind == "npy" for kind in kinds):
         return ""
     meshes = [kind for kind in kinds if kind in FORMATS]
     if len(meshes) == 1:

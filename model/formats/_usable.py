@@ -1,10 +1,11 @@
-"""What is done about a file that is not quite right: broken faces are left out, doubtful coordinates are told."""
+"""What is done about a file that is not quite a mesh: points are joined, broken faces left out, doubts are told."""
 
 import numpy as np
 
 from model._jit import jit, kernel_array
 from model.formats._common import RawMesh
 from model.meshes.mesh import LARGEST_COORDINATE, Mesh
+from model.meshes.points import surface_of_points
 from model.types import AnyArray, FloatArray, IntArray
 
 _MOST_BROKEN = 0.05
@@ -36,6 +37,23 @@ def without_broken_faces(raw: RawMesh) -> RawMesh:
     some = "1 face was" if broken == 1 else f"{broken} faces were"
     warning = f"{some} left out: a corner is missing or not a finite number."
     return RawMesh(vertices, faces[marks == 0], raw.units, (*raw.warnings, warning), raw.colors)
+
+
+def joined_points(raw: RawMesh) -> RawMesh:
+    """A point cloud with triangles between its points; colours of points are left out.
+
+    Raises:
+        EmptyMeshError: there are too few points.
+        DegenerateMeshError: they coincide.
+    """
+    found = surface_of_points(kernel_array(raw.vertices, np.float64).reshape(-1, 3), LARGEST_COORDINATE)
+    kept, total = len(found.vertices), len(raw.vertices)
+    said = [f"The file holds a point cloud: {total} points, of which {kept} were joined to a surface."]
+    if found.outliers:
+        said.append(f"{found.outliers} points stand alone and were left out.")
+    if found.broken:
+        said.append(f"{found.broken} points without finite coordinates were left out.")
+    return RawMesh(found.vertices, found.faces, raw.units, (*raw.warnings, *said))
 
 
 @jit

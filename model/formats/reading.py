@@ -12,7 +12,7 @@ from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, Reade
 from model.formats._foreign import foreign_content, next_step
 from model.formats._meshopt import warm_up_kernels as warm_up_kernels
 from model.formats._text import DECIMAL_COMMAS, has_decimal_commas
-from model.formats._usable import resolution_warning, without_broken_faces
+from model.formats._usable import joined_points, resolution_warning, without_broken_faces
 from model.meshes.mesh import Mesh
 
 
@@ -29,8 +29,9 @@ def read_mesh(
     """The mesh a file holds, in the file's own coordinates.
 
     Scene transforms are applied and all bodies joined into one mesh, as a viewer of the format would show them.
-    Vertices at the same place are not merged; polygons become triangles. A few broken faces are left out. Whatever was
-    left out or guessed is told in ``warnings``. Files that the data refer to are asked for, never opened here.
+    Vertices at the same place are not merged; polygons become triangles. A few broken faces are left out. A point cloud
+    is joined to a surface (`model.meshes.points`). Whatever was left out or guessed is told in ``warnings``. Files that
+    the data refer to are asked for, never opened here.
 
     Args:
         data: the whole file.
@@ -44,7 +45,7 @@ def read_mesh(
     Raises:
         UnsupportedFormatError: there is no reader for the extension, or the content is another format than it says.
         UnreadableMeshError: the content is damaged, incomplete, or refers to other files for its geometry.
-        EmptyMeshError: there are no faces.
+        EmptyMeshError: there are no faces, nor enough points for a surface.
         DegenerateMeshError: NaN or infinite coordinates or indices out of range in more than a few faces, no extent or
             no area.
         MeshTooLargeError: there is more of something than allowed.
@@ -70,9 +71,17 @@ def read_mesh(
     try:
         raw = _readers()[extension].read(data, limits, resources)
         limits.check(len(raw.vertices), len(raw.faces))
-        raw = without_broken_faces(raw)
+        is_cloud = FORMATS[extension].points and not len(raw.faces)
+        raw = joined_points(raw) if is_cloud else without_broken_faces(raw)
+        limits.check(faces=len(raw.faces))
         mesh = Mesh.checked(
-            raw.vertices, raw.faces, source_format=extension, units=raw.units, warnings=raw.warnings, colors=raw.colors
+            raw.vertices,
+            raw.faces,
+            source_format=extension,
+            units=raw.units,
+            warnings=raw.warnings,
+            colors=raw.colors,
+            kind="points" if is_cloud else "mesh",
         )
     except (MeshTooLargeError, MemoryError, ImportError):  # the last two are the process's fault
         raise

@@ -1,7 +1,7 @@
 """The triangle mesh that every part of the package works on."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +37,8 @@ class Mesh:
         units: length unit named by the file, if it names one.
         warnings: what was left out or guessed when the file was read, a sentence each.
         colors: (v, 4) uint8, red, green, blue (sRGB) and opacity of the vertices, if the file has any.
+        kind: ``points`` where the file holds a point cloud: the vertices are its points, without outliers and thinned
+            where there are very many, and the faces triangles between neighbours (`model.meshes.points`).
     """
 
     vertices: FloatArray
@@ -45,6 +47,7 @@ class Mesh:
     units: str | None = None
     warnings: tuple[str, ...] = ()
     colors: ByteArray | None = None
+    kind: Literal["mesh", "points"] = "mesh"
 
     @classmethod
     def checked(
@@ -56,6 +59,7 @@ class Mesh:
         units: str | None = None,
         warnings: tuple[str, ...] = (),
         colors: ByteArray | None = None,
+        kind: Literal["mesh", "points"] = "mesh",
     ) -> "Mesh":
         """A mesh that all computations can rely on.
 
@@ -69,10 +73,10 @@ class Mesh:
         if colors is not None and (colors.shape != (len(points), 4) or colors.dtype != np.uint8):
             raise UnreadableMeshError("Colours must be (v, 4) numbers of 8 bits.")
         if triangles.shape[0] == 0:
-            raise EmptyMeshError("The mesh has no faces; point clouds and lines are not supported.")
+            raise EmptyMeshError("The mesh has no faces.")
         if triangles.min() < 0 or triangles.max() >= points.shape[0]:
             raise DegenerateMeshError("A face refers to a vertex that does not exist.")
-        mesh = cls(points, kernel_array(triangles, np.int32), source_format, units, warnings, colors)
+        mesh = cls(points, kernel_array(triangles, np.int32), source_format, units, warnings, colors, kind)
         low, high = mesh.bounds
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise DegenerateMeshError("The mesh has coordinates that are not finite numbers.")

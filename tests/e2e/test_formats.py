@@ -9,6 +9,7 @@ import pytest
 
 from app import Client, UnusableMeshError
 from tests.model.formats.test_gltf_as_shown import draco_gltf, separate
+from tests.model.formats.test_point_clouds import FILES
 
 from .server import Server
 
@@ -32,6 +33,18 @@ def test_concave_polygons_draco_and_meshopt_are_read_by_the_workers(server: Serv
     for name in ("torus_meshopt.glb", "torus_meshopt_exponential.glb"):
         answer = server.detect(name, (data / name).read_bytes())
         assert answer.json()["mesh"]["faces"] == 576, answer.text
+
+
+def test_clouds_of_every_format_are_read_by_the_workers(server: Server) -> None:
+    for name in ("headed", "pcd compressed", "npy", "npz packed", "las 1.4", "ply binary"):
+        extension, data = FILES[name]
+        answer = server.detect(f"scan.{extension}", data)
+        assert answer.status_code == 200, answer.text
+        assert answer.json()["mesh"]["kind"] == "points"
+        # A dome over a square, seen from one side.
+        assert len(answer.json()["planes"]) >= 2, answer.text
+        assert not any(plane["exact"] for plane in answer.json()["planes"])
+    assert server.detect("star.obj", star_obj()).json()["mesh"]["kind"] == "mesh"
 
 
 def test_warnings_reach_the_answer(server: Server) -> None:

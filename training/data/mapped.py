@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from training.data.derive import DERIVED_SAMPLES, derive
-from training.data.prepared import PreparedSet, dequantise, quantise
+from training.data.prepared import PIECES, PreparedSet, dequantise, quantise
 from training.inputs.meshbatch import MeshBatch
 
 _CHUNK = 16
@@ -25,13 +25,25 @@ class MappedArrays:
     """
 
     def __init__(
-        self, prepared: PreparedSet, device: torch.device, grid: int, progress: Callable[[int, int], None] | None
+        self,
+        prepared: PreparedSet,
+        device: torch.device,
+        grid: int,
+        progress: Callable[[int, int], None] | None,
+        pieces: bool = False,
     ) -> None:
-        """Map the files; ``progress`` is called with done and total while something is derived."""
+        """Map the files; ``progress`` is called with done and total while something is derived.
+
+        With ``pieces`` meshes are read as `training views` cut them.
+        """
         self._device = device
         self._shard_of, self._row_of = prepared.locations()
-        _allow_files(5 * len(prepared.manifest["shards"]))
-        self._vertices, self._faces, self._starts = (_open(prepared, name) for name in ("vertices", "faces", "starts"))
+        _allow_files(6 * len(prepared.manifest["shards"]))
+        kind = PIECES if pieces else ""
+        self._vertices, self._faces, self._starts = (
+            _open(prepared, kind + name) for name in ("vertices", "faces", "starts")
+        )
+        self._seen = _open(prepared, f"{PIECES}seen") if pieces else None
         if prepared.exact(grid):
             self._samples, self._closest = _open(prepared, "samples"), _open(prepared, "closest")
         else:
@@ -41,13 +53,17 @@ class MappedArrays:
     def meshes(self, shapes: Tensor) -> MeshBatch:
         """The triangles of ``shapes`` ``(b,)`` in the canonical frame."""
         corners: list[NDArray[np.uint16]] = []
+        seen: list[NDArray[np.uint16]] = []
         for shard, row in self._locations(shapes):
             (v0, f0), (v1, f1) = self._starts[shard][row : row + 2].tolist()
             corners.append(self._vertices[shard][v0:v1][self._faces[shard][f0:f1]])
+            if self._seen is not None:
+                seen.append(self._seen[shard][f0:f1])
         counts = torch.tensor([len(part) for part in corners])
         shape = torch.repeat_interleave(torch.arange(len(corners)), counts)
         packed = torch.from_numpy(dequantise(np.concatenate(corners)))
-        return MeshBatch(packed.to(self._device), shape.to(self._device), len(corners))
+        bits = torch.from_numpy(np.concatenate(seen).astype(np.int32)).to(self._device) if seen else None
+        return MeshBatch(packed.to(self._device), shape.to(self._device), len(corners), bits)
 
     def samples(self, shapes: Tensor, window: Tensor) -> Tensor:
         """The stored samples ``window`` ``(b, count)`` of ``shapes`` ``(b,)``: ``(b, count, 3)``."""

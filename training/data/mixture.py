@@ -52,6 +52,12 @@ class Mixture(PreparedSet):
         return None if any(record is None for record in records) else {"sets": records}
 
     @cached_property
+    def views(self) -> dict[str, Any] | None:
+        """The records of every part's pieces and views; None unless all have some."""
+        records = [part.views for part in self.parts]
+        return None if any(record is None for record in records) else {"sets": records}
+
+    @cached_property
     def shards(self) -> list[Path]:
         """The shard folders of all parts in order."""
         return [shard for part in self.parts for shard in part.shards]

@@ -30,6 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT_VERSION = 1
+PIECES = "piece_"
+"""What the names of a set's arrays begin with that hold its shapes cut into pieces (`training views`)."""
+
 _LEVELS = 65535
 
 
@@ -101,6 +104,13 @@ class PreparedSet:
         record = self.root / "labels.json"
         labels = json.loads(record.read_text()) if record.is_file() else None
         return labels if labels is not None and labels["set"] == self.sha256 else None
+
+    @cached_property
+    def views(self) -> dict[str, Any] | None:
+        """What `training views` wrote: counts and ``sha256``; None where the set has none."""
+        record = self.root / "views.json"
+        views = json.loads(record.read_text()) if record.is_file() else None
+        return views if views is not None and views["set"] == self.sha256 else None
 
     @cached_property
     def shards(self) -> list[Path]:

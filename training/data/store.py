@@ -9,7 +9,7 @@ from torch import Tensor
 
 from training.data.derive import DERIVED_SAMPLES, derive
 from training.data.mapped import MappedArrays
-from training.data.prepared import PreparedSet, dequantise
+from training.data.prepared import PIECES, PreparedSet, dequantise
 from training.inputs.meshbatch import MeshBatch, gather
 
 _CHUNK = 16
@@ -31,12 +31,20 @@ class ShapeStore:
         device: torch.device,
         grid: int,
         progress: Callable[[int, int], None] | None = None,
+        pieces: bool = False,
     ) -> None:
+        """Open a set; with ``pieces`` its meshes come as `training views` cut them.
+
+        Raises:
+            ValueError: there are no pieces.
+        """
+        if pieces and prepared.views is None:
+            raise ValueError(f"{prepared.root}, or a set mixed into it, has no views; run `training views` first")
         self.device = device
         self.grid = grid
         self.size = len(prepared)
-        resident = device.type != "cpu" and _fits(prepared, device, grid)
-        self._arrays = (ResidentArrays if resident else MappedArrays)(prepared, device, grid, progress)
+        resident = device.type != "cpu" and _fits(prepared, device, grid, pieces)
+        self._arrays = (ResidentArrays if resident else MappedArrays)(prepared, device, grid, progress, pieces)
 
     def meshes(self, shapes: Tensor) -> MeshBatch:
         """The triangles of ``shapes`` ``(b,)`` in the canonical (unit) frame."""
@@ -69,20 +77,30 @@ class ResidentArrays:
     """The arrays of a prepared set in the memory of a device; the same methods as `MappedArrays`."""
 
     def __init__(
-        self, prepared: PreparedSet, device: torch.device, grid: int, progress: Callable[[int, int], None] | None
+        self,
+        prepared: PreparedSet,
+        device: torch.device,
+        grid: int,
+        progress: Callable[[int, int], None] | None,
+        pieces: bool = False,
     ) -> None:
         """Load everything; ``progress`` is called with done and total while something is derived."""
         self._grid = grid
+        kind = PIECES if pieces else ""
         shift = np.zeros(2, dtype=np.int64)
         rows = [np.zeros((1, 2), dtype=np.int64)]
-        for part in prepared.arrays("starts"):
+        for part in prepared.arrays(f"{kind}starts"):
             rows.append(part[1:] + shift)
             shift = shift + part[-1]
         joined = torch.from_numpy(np.concatenate(rows)).to(device)
         self._vertex_start, self._face_start = joined[:, 0].contiguous(), joined[:, 1].contiguous()
-        vertices = np.concatenate([dequantise(part) for part in prepared.arrays("vertices")])
+        vertices = np.concatenate([dequantise(part) for part in prepared.arrays(f"{kind}vertices")])
         self._vertices = torch.from_numpy(vertices).to(device)
-        self._faces = torch.from_numpy(np.concatenate(prepared.arrays("faces"))).to(device)
+        self._faces = torch.from_numpy(np.concatenate(prepared.arrays(f"{kind}faces"))).to(device)
+        self._seen = None
+        if pieces:
+            bits = np.concatenate(prepared.arrays(f"{PIECES}seen")).astype(np.int32)
+            self._seen = torch.from_numpy(bits).to(device)
         if prepared.exact(grid):
             samples = prepared.arrays("samples")
             least = min(part.shape[1] for part in samples)
@@ -94,7 +112,7 @@ class ResidentArrays:
 
     def meshes(self, shapes: Tensor) -> MeshBatch:
         """The triangles of ``shapes`` ``(b,)`` in the canonical frame."""
-        return gather(self._vertices, self._faces, self._vertex_start, self._face_start, shapes)
+        return gather(self._vertices, self._faces, self._vertex_start, self._face_start, shapes, self._seen)
 
     def samples(self, shapes: Tensor, window: Tensor) -> Tensor:
         """The stored samples ``window`` ``(b, count)`` of ``shapes`` ``(b,)``: ``(b, count, 3)``."""
@@ -116,12 +134,15 @@ class ResidentArrays:
                 progress(int(shapes[-1]) + 1, size)
 
 
-def _fits(prepared: PreparedSet, device: torch.device, grid: int) -> bool:
+def _fits(prepared: PreparedSet, device: torch.device, grid: int, pieces: bool) -> bool:
     """Whether the set's arrays take at most `_SHARE_OF_GPU` of the memory that is free on a GPU."""
     if device.type != "cuda":
         return True
     vertices = sum(shape.vertices for shape in prepared.shapes)
     faces = sum(shape.faces for shape in prepared.shapes)
+    if pieces:
+        faces = sum(len(part) for part in prepared.arrays(f"{PIECES}faces"))
+        vertices = sum(len(part) for part in prepared.arrays(f"{PIECES}vertices")) + faces // 3
     taken = 12 * (vertices + faces) + 6 * len(prepared) * (grid**3 + DERIVED_SAMPLES)
     return taken <= _SHARE_OF_GPU * torch.cuda.mem_get_info(device)[0]
 

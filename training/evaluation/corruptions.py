@@ -12,7 +12,7 @@ from model.geometry.frames import UnitFrame, triangle_areas
 from model.geometry.sampling import sample_surface
 from model.meshes.subdivision import edge_lengths, halve_edges, subdivide
 from model.types import FloatArray, IntArray
-from training.evaluation.depth import visible_part
+from training.inputs.depth import visible_part
 from training.shapes.solids import random_rotation
 
 DAMAGES = ("clean", "rotated", "noisy", "partial", "decimated", "ball25", "ball35", "depth1", "depth3")

@@ -10,7 +10,7 @@ from model.geometry.surface import SurfaceIndex
 from model.meshes.subdivision import subdivide
 from model.types import FloatArray, IntArray
 from training.evaluation import corruptions
-from training.evaluation.depth import visible_part
+from training.inputs.depth import visible_part
 from training.shapes.solids import random_rotation
 
 Solid = tuple[FloatArray, IntArray]

@@ -122,17 +122,23 @@ def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "
     """What is kept of an answer; ``found`` in the unit frame of the intact shape, errors on the intact shape.
 
     ``gte`` and ``gte_angle`` (degrees) are those of the best plane by SDE against the closest clear one, ``nearest``;
-    ``gte_closest`` is the smallest GTE of any plane. None where there is no clear plane or nothing was returned.
+    ``gte_closest`` is the smallest GTE of any plane, ``closest_angle`` the smallest angle. None where there is no clear
+    plane or nothing was returned.
     """
     to_clear, to_all = match(certain, found), match(truth, found)
     errors = [whole.plane(plane) for plane in found.planes]
-    gte = gte_angle = gte_closest = None
+    gte = gte_angle = gte_closest = closest_angle = None
     best = found.planes[int(np.argmin(errors))] if errors else None
     nearest = None if best is None else nearest_clear_plane(truth, best)
     if best is not None and nearest is not None:
         gte = float(np.square(nearest - best).sum())
         gte_angle = angle_between(best[:3], nearest[:3])
         gte_closest = min(error for plane in found.planes if (error := ground_truth_error(truth, plane)) is not None)
+        closest_angle = min(
+            angle_between(plane[:3], near[:3])
+            for plane in found.planes
+            if (near := nearest_clear_plane(truth, plane)) is not None
+        )
     return {
         "planes": found.planes.tolist(),
         "axes": [
@@ -144,6 +150,7 @@ def _record(answer: Answer, found: Found, truth: Truth, certain: Truth, whole: "
         "gte": gte,
         "gte_angle": gte_angle,
         "gte_closest": gte_closest,
+        "closest_angle": closest_angle,
         "planes_found": to_clear.planes.tolist(),
         "planes_roughly": clear_planes_found(truth, found.planes, ROUGH_ANGLE, ROUGH_DISTANCE),
         "angles": to_clear.angles[to_clear.planes].tolist(),

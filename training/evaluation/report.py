@@ -10,6 +10,8 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
 - *GTE*, *angle*: of the best plane against the closest clear one (`matching.nearest_clear_plane`). Of a shape that also
   has nearly true planes the best may be one of those, and far from any clear one; *closest plane* takes the returned
   plane with the smallest GTE instead.
+- *a plane <= 5°*, *<= 15°*: share of the shapes with a clear plane that got one whose normal is so close to that of a
+  clear one, wherever it lies.
 - *completion*: distance, unit frame, of the missing part from what mirroring puts in its place (the paper's
   application), by the returned plane that does so best (one about which the hole itself is symmetric fills nothing),
   root-mean-square a shape; over the shapes whose missing part has a mirror image at all. No plane counts 1.
@@ -64,6 +66,8 @@ BEST_PLANE: tuple[Column, ...] = (
     ("gte_median", "GTE median", "{:.1e}"),
     ("gte_closest", "GTE mean, closest plane", "{:.2e}"),
     ("gte_angle", "angle, median °", "{:.2g}"),
+    ("within_5", "a plane <= 5°", "{:.1%}"),
+    ("within_15", "<= 15°", "{:.1%}"),
     ("completion", "completion, mean error", "{:.2e}"),
     ("planes", "planes a shape", "{:.2f}"),
     ("returned_mean", "mean SDE returned", "{:.2e}"),
@@ -148,6 +152,8 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
     clear = [answer for record, answer in pairs if record["clear_planes"]]
     gte = [MISSING_GTE if answer["gte"] is None else answer["gte"] for answer in clear]
     closest = [MISSING_GTE if answer["gte_closest"] is None else answer["gte_closest"] for answer in clear]
+    # Records of reports that are older than this column do not have it.
+    closest_angles = [answer["closest_angle"] for answer in clear if "closest_angle" in answer]
     times = [answer["ms"] for answer in every]
     middle = [answer["ms"] for record, answer in pairs if MIDDLE_FACES[0] <= record["faces"] <= MIDDLE_FACES[1]]
     return {
@@ -161,6 +167,8 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "gte_median": _percentile(gte, 50),
         "gte_closest": _mean(closest),
         "gte_angle": _percentile([answer["gte_angle"] for answer in clear if answer["gte_angle"] is not None], 50),
+        "within_5": _mean(angle is not None and angle <= 5.0 for angle in closest_angles),
+        "within_15": _mean(angle is not None and angle <= 15.0 for angle in closest_angles),
         "completion": _mean(
             1.0 if answer["completion"] is None else answer["completion"]
             for record, answer in pairs

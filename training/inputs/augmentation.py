@@ -1,20 +1,29 @@
 """Augmentation: the damage that real uploads have, applied to shapes before the network sees them.
 
-Holes, cuts, noise, decimation, doubled faces, thin parts: plain torch on whole batches, drawn on the fly. The loss is
-computed on the undamaged shape (paper, section 6.6).
+One-sided scans, holes, cuts, noise, decimation, doubled faces, thin parts: plain torch on whole batches, drawn on the
+fly. The loss is computed on the undamaged shape (paper, section 6.6).
 """
 
 import torch
 from torch import Tensor
 
-from training.inputs.meshbatch import MeshBatch
+from training.inputs.meshbatch import VIEWS, MeshBatch
 from training.recipe import DamageRecipe
 
+_LEAST_SEEN = 0.1
+"""A thin plate seen from its edge shows nothing; such a view is left out."""
+
+_MOST_SPARSE = 0.95
+_SPECK = 1e-3
 _HASH = ((127.1, 269.5, 419.2), (311.7, 183.3, 371.9), (74.7, 246.1, 151.7))
 
 
 def damaged(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
     """Some of the shapes with something done to them, as the recipe says."""
+    if damage.scans > 0:
+        meshes = _with_scans(meshes, damage, generator)
+    if damage.sparse > 0:
+        meshes = _with_sparse(meshes, damage, generator)
     if damage.share > 0:
         meshes = _with_holes(meshes, damage, generator)
     if damage.cuts > 0:
@@ -27,7 +36,47 @@ def damaged(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator)
         meshes = _with_doubled(meshes, damage, generator)
     if damage.spikes > 0:
         meshes = _with_spikes(meshes, damage, generator)
+    if damage.outliers > 0:
+        meshes = _with_outliers(meshes, damage, generator)
     return meshes
+
+
+def _with_scans(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Keep what some of the depth images see, for ``scans`` of the shapes."""
+    if meshes.seen is None:
+        raise ValueError("damage.scans needs a set that `training views` has rendered")
+    device = meshes.corners.device
+    draws = torch.rand((meshes.size, VIEWS + 1), generator=generator, device=device)
+    shares = torch.tensor(damage.scan_shares, device=device)
+    images = 1 + torch.multinomial(shares, meshes.size, replacement=True, generator=generator)
+    # The views of a shape in random order; the first so many are taken, as bits.
+    bits = (1 << draws[:, 1:].argsort(1)) * (torch.arange(VIEWS, device=device) < images[:, None])
+    chosen = draws[:, 0] < damage.scans
+    hidden = (meshes.seen & bits.sum(1).int()[meshes.shape]) == 0
+    return _without(meshes, hidden & chosen[meshes.shape], _LEAST_SEEN)
+
+
+def _with_sparse(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Of ``sparse`` of the shapes more and more triangles are missing along a random direction."""
+    device = meshes.corners.device
+    draws = torch.rand((meshes.size, 2), generator=generator, device=device)
+    directions = torch.nn.functional.normalize(torch.randn((meshes.size, 3), generator=generator, device=device), dim=1)
+    # Shapes lie in a ball of diameter 1.
+    along = (meshes.middles * directions[meshes.shape]).sum(1) + 0.5
+    loss = _MOST_SPARSE * draws[:, 0] * (draws[:, 1] < damage.sparse)
+    dropped = torch.rand(len(along), generator=generator, device=device) < loss[meshes.shape] * along
+    return _without(meshes, dropped, damage.least)
+
+
+def _with_outliers(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
+    """Up to ten specks about ``outliers`` of the shapes: points that a scanner saw where nothing is."""
+    device = meshes.corners.device
+    draws = torch.rand((meshes.size, 2), generator=generator, device=device)
+    counts = (draws[:, 0] * 11).long() * (draws[:, 1] < damage.outliers)
+    shape = torch.repeat_interleave(torch.arange(meshes.size, device=device), counts)
+    places = torch.rand((len(shape), 1, 3), generator=generator, device=device) - 0.5
+    specks = places + _SPECK * torch.eye(3, device=device)
+    return _joined(meshes, specks, shape)
 
 
 def _with_holes(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
@@ -37,12 +86,13 @@ def _with_holes(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Genera
     low, high = damage.radius
     radius = (low + (high - low) * draws[:, 1]) * (draws[:, 2] < damage.share)
     picked = _picked(meshes, draws[:, 0])
-    return _without(meshes, (middle - middle[picked][meshes.shape]).norm(dim=1) < radius[meshes.shape])
+    dropped = (middle - middle[picked][meshes.shape]).norm(dim=1) < radius[meshes.shape]
+    return _without(meshes, dropped, damage.least)
 
 
 def _with_cuts(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
     """Remove the triangles beyond a plane of random direction through a random triangle, for ``cuts`` of the shapes."""
-    return _without(meshes, _beyond(meshes, damage.cuts, generator))
+    return _without(meshes, _beyond(meshes, damage.cuts, generator), damage.least)
 
 
 def _with_noise(meshes: MeshBatch, damage: DamageRecipe, generator: torch.Generator) -> MeshBatch:
@@ -64,10 +114,13 @@ def _picked(meshes: MeshBatch, draws: Tensor) -> Tensor:
     return counts.cumsum(0) - counts + (draws * counts).long().clamp_max(counts - 1)
 
 
-def _without(meshes: MeshBatch, dropped: Tensor) -> MeshBatch:
-    """Without the triangles marked, but for shapes that would lose half: one that all but vanishes teaches nothing."""
+def _without(meshes: MeshBatch, dropped: Tensor, least: float) -> MeshBatch:
+    """Without the triangles marked, but for shapes that would keep less than the share ``least`` of their area.
+
+    One that all but vanishes teaches nothing.
+    """
     areas = meshes.areas
-    kept = meshes.per_shape(areas * ~dropped) >= 0.5 * meshes.per_shape(areas)
+    kept = meshes.per_shape(areas * ~dropped) >= least * meshes.per_shape(areas)
     return meshes.without(dropped & kept[meshes.shape])
 
 

@@ -11,17 +11,23 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+VIEWS = 16
+"""Directions from which `training views` looks at every shape: the bits of ``seen``."""
+
 
 @dataclass
 class MeshBatch:
     """Triangles of ``size`` shapes.
 
-    ``corners`` is ``(t, 3, 3)`` float (triangle, corner, coordinate); ``shape`` is ``(t,)`` int64, ascending.
+    ``corners`` is ``(t, 3, 3)`` float (triangle, corner, coordinate); ``shape`` is ``(t,)`` int64, ascending. ``seen``
+    ``(t,)`` int32, where the shapes are cut into pieces, holds a bit for every direction a triangle is seen from; what
+    is made of a batch is without it.
     """
 
     corners: Tensor
     shape: Tensor
     size: int
+    seen: Tensor | None = None
 
     def moved(self, rotation: Tensor, center: Tensor, scale: Tensor) -> "MeshBatch":
         """``rotation (x - center) / scale`` for every shape; ``(b, 3, 3)``, ``(b, 3)``, ``(b,)``."""
@@ -79,7 +85,14 @@ class MeshBatch:
         return values.new_zeros((self.size, *values.shape[1:])).index_add_(0, self.shape, values)
 
 
-def gather(vertices: Tensor, faces: Tensor, vertex_start: Tensor, face_start: Tensor, shapes: Tensor) -> MeshBatch:
+def gather(
+    vertices: Tensor,
+    faces: Tensor,
+    vertex_start: Tensor,
+    face_start: Tensor,
+    shapes: Tensor,
+    seen: Tensor | None = None,
+) -> MeshBatch:
     """Take ``shapes`` ``(b,)`` out of flat storage.
 
     Args:
@@ -88,13 +101,15 @@ def gather(vertices: Tensor, faces: Tensor, vertex_start: Tensor, face_start: Te
         vertex_start: ``(n + 1,)`` int64; shape i owns rows ``vertex_start[i]:vertex_start[i + 1]``.
         face_start: likewise for the faces.
         shapes: which shapes, int64.
+        seen: ``(F,)`` int32, see `MeshBatch`.
     """
     counts = face_start[shapes + 1] - face_start[shapes]
     shape = torch.repeat_interleave(torch.arange(len(shapes), device=shapes.device), counts)
     ends = counts.cumsum(0)
     within = torch.arange(len(shape), device=shapes.device) - (ends - counts)[shape]
-    rows = faces[face_start[shapes][shape] + within].long()
-    return MeshBatch(vertices[rows + vertex_start[shapes][shape, None]], shape, len(shapes))
+    place = face_start[shapes][shape] + within
+    corners = vertices[faces[place].long() + vertex_start[shapes][shape, None]]
+    return MeshBatch(corners, shape, len(shapes), None if seen is None else seen[place])
 
 
 def unit_frames(batch: MeshBatch) -> tuple[Tensor, Tensor]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.formats import FORMATS
+from model.formats import SOUGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ def mesh_files(root: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
     for folder, _, files in os.walk(root):
         for file in files:
             path = Path(folder) / file
-            if path.suffix.lower().lstrip(".") in FORMATS:
+            if path.suffix.lower().lstrip(".") in SOUGHT:
                 yield path, path.relative_to(root).parts
 
 

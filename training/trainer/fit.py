@@ -142,7 +142,8 @@ class _Trainer:
             raise ValueError(f"{start.record['name']} has another architecture than the recipe")
         self._claim(prepared, start)
         self.log = RunLog(run / "log.txt", on_message) if world.main else None
-        self.store = world.in_turn(lambda: ShapeStore(prepared, world.device, recipe.loss.grid, on_derive))
+        pieces = recipe.damage.scans > 0
+        self.store = world.in_turn(lambda: ShapeStore(prepared, world.device, recipe.loss.grid, on_derive, pieces))
         held_out = torch.from_numpy(validation_index if len(validation_index) else train_index)
         self.held_out = held_out[:VALIDATION_SHAPES].to(world.device)
 
@@ -174,6 +175,7 @@ class _Trainer:
         if not self.world.main:
             return
         data = prepared.record() | ({"labels": prepared.labels} if self.labels is not None else {})
+        data |= {"views": prepared.views} if self.recipe.damage.scans > 0 else {}
         record: dict[str, Any] = {"recipe": self.recipe.to_dict(), "data": data}
         if start is not None:
             record["start"] = dict(start.record)

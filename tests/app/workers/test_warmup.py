@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from app.outputs.registry import MESH_WRITERS
-from app.workers.warmup import sample_files
+from app.workers.warmup import sample_clouds, sample_files
 from benchmarks.meshes import SHAPES
 from model.formats import read_mesh
 from tests.app.fakes import DATA
+from tests.model.formats.test_point_clouds import FILES as CLOUDS
 
 ROOT = DATA.parents[1]
 # Runs in a process of its own, because kernels stay loaded. Prints the kernels that had not been warmed up.
@@ -53,10 +54,20 @@ def test_every_sample_is_the_same_box(name: str, data: bytes) -> None:
     assert mesh.area == pytest.approx(22)
 
 
+@pytest.mark.parametrize(("name", "data"), sample_clouds(), ids=[name for name, _ in sample_clouds()])
+def test_every_sample_cloud_is_that_box(name: str, data: bytes) -> None:
+    mesh = read_mesh(data, name)
+    assert mesh.kind == "points"
+    assert mesh.bounds.tolist() == [[0, 0, 0], [1, 2, 3]]
+    assert len(mesh.vertices) == 90
+
+
 def test_real_files_need_no_further_kernel_and_no_further_module(tmp_path: Path) -> None:
-    """Open, crossing, thin and scattered surfaces among them."""
+    """Open, crossing, thin and scattered surfaces among them, and clouds of every format."""
     for name, shape in SHAPES.items():
         (tmp_path / f"{name}.stl").write_bytes(MESH_WRITERS["stl"].file(*shape(600)))
+    for kind, (extension, data) in CLOUDS.items():
+        (tmp_path / f"{kind}.{extension}").write_bytes(data)
     found = [*DATA.iterdir(), *tmp_path.iterdir()]
     files = sorted(str(path) for path in found if path.suffix != ".md")
     command = [sys.executable, "-c", LATE_KERNELS, *files]

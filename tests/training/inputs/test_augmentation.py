@@ -32,7 +32,7 @@ def draw(**damage: Any) -> MeshBatch:
     return damaged(batch(), replace(DamageRecipe(), **damage), torch.Generator().manual_seed(0))
 
 
-@pytest.mark.parametrize("kind", ["share", "cuts", "noise", "clusters", "doubled", "spikes"])
+@pytest.mark.parametrize("kind", ["share", "cuts", "noise", "clusters", "doubled", "spikes", "sparse", "outliers"])
 def test_a_share_of_the_shapes_is_changed_and_the_rest_left_alone(kind: str):
     whole = batch()
     # Of the cuts about half would take more than half of the surface; those are not made.

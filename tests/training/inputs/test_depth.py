@@ -5,7 +5,7 @@ import numpy as np
 from model.geometry.frames import UnitFrame, triangle_areas
 from tests.shapes import box
 from training.evaluation.corruptions import corrupt
-from training.evaluation.depth import visible_part
+from training.inputs.depth import visible_part
 
 
 def area(vertices: np.ndarray, faces: np.ndarray) -> float:
