@@ -92,12 +92,17 @@ class Hypothesis:
         chosen = np.unique(np.linspace(0, len(elements) - 1, min(room, len(elements))).round().astype(int))
         return Operations.joined([operations, elements[chosen]]) if len(chosen) else operations
 
-    def measured(self, context: SearchContext) -> "Hypothesis":
-        """The same with deviations measured where it is: of the generators, and of some elements of large groups."""
+    def measured(self, context: SearchContext, *, thoroughly: bool = False) -> "Hypothesis":
+        """The same with deviations measured where it is: of the generators, and of some elements of large groups.
+
+        Args:
+            context: the shape.
+            thoroughly: on all samples, however many operations there are.
+        """
         operations = self.measured_operations
         if not len(operations):
             return self
-        stride = max(1, -(-len(operations) * len(context.judging) // _MEASUREMENTS))
+        stride = 1 if thoroughly else max(1, -(-len(operations) * len(context.judging) // _MEASUREMENTS))
         deviations = context.meter.measure(operations, context.judging.every(stride))
         distance = context.settings.fit_distance
         return Hypothesis(

@@ -27,7 +27,7 @@ _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
 _EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
 _ROUGH_ORDER = 12
 _LARGEST_CLOSED = 260
-_HOPELESS = 4.0
+_HOPELESS, _NEARLY = 4.0, 2.0
 
 
 class Ladder:
@@ -111,6 +111,8 @@ class Ladder:
         if measured.rms > _HOPELESS * self._context.limit:
             return False
         fitted = measured.fitted(self._context)
+        if tolerance < fitted.rms <= _NEARLY * tolerance:
+            fitted = fitted.measured(self._context, thoroughly=True)  # of few samples one may decide by chance
         if not fitted.is_believed(self._context.settings) or fitted.rms > tolerance:
             return False
         # The first rough symmetry has no other to bear it out: it must not be one of many that do as well.
