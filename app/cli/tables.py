@@ -56,7 +56,8 @@ def _axes(axes: list[Axis]) -> Table:
 def _level(level: Level) -> str:
     needs = f"rms distance {level.rms_distance:.2e}" if level.rms_distance else "exactly"
     missing = f", {100 * level.missing:.0f} % missing" if level.missing >= 0.005 else ""
-    return f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{'  (this answer)' * level.chosen}"
+    sure = "" if level.confidence == 1.0 else f", {100 * level.confidence:.0f} % sure"
+    return f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{sure}{'  (this answer)' * level.chosen}"
 
 
 def _extent(patch: Patch) -> str:
