@@ -20,7 +20,13 @@ def require(query: type[BaseModel], **given: Any) -> None:
         query.model_validate(given)
     except ValidationError as error:
         faults = [f"{'.'.join(map(str, item['loc']))}: {reason(item, query.model_fields)}" for item in error.errors()]
-        raise ValueError("; ".join(faults) + ".") from None
+        raise ValueError(sentence(faults)) from None
+
+
+def sentence(faults: Sequence[str]) -> str:
+    """Several faults as one sentence."""
+    text = "; ".join(faults)
+    return text if text.endswith("?") else f"{text}."
 
 
 def reason(fault: Mapping[str, Any], names: Collection[str]) -> str:
