@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from app.queries import QUERIES
-from app.refusals import reason, sentence
+from app.refusals import reason
 from model.errors import (
     DegenerateMeshError,
     EmptyMeshError,
@@ -195,7 +195,7 @@ def _on_validation_error(request: Request, error: Exception) -> Response:
         {"parameter": ".".join(str(part) for part in item["loc"][1:]), "message": reason(item, names)}
         for item in error.errors()
     ]
-    detail = sentence([f"{item['parameter']}: {item['message']}" for item in errors])
+    detail = "; ".join(f"{item['parameter']}: {item['message']}" for item in errors) + "."
     return response(request, INVALID_PARAMETER, detail, errors=errors)
 
 

@@ -20,13 +20,7 @@ def require(query: type[BaseModel], **given: Any) -> None:
         query.model_validate(given)
     except ValidationError as error:
         faults = [f"{'.'.join(map(str, item['loc']))}: {reason(item, query.model_fields)}" for item in error.errors()]
-        raise ValueError(sentence(faults)) from None
-
-
-def sentence(faults: Sequence[str]) -> str:
-    """Several faults as one sentence."""
-    text = "; ".join(faults)
-    return text if text.endswith("?") else f"{text}."
+        raise ValueError("; ".join(faults) + ".") from None
 
 
 def reason(fault: Mapping[str, Any], names: Collection[str]) -> str:
@@ -39,7 +33,7 @@ def reason(fault: Mapping[str, Any], names: Collection[str]) -> str:
 
 
 def _nearest(word: str, known: Collection[str]) -> str:
-    """A question for the known word that is most like another, if one is."""
+    """The known word that is most like another, if one is, as the end of a sentence."""
     by_folded = {name.lower(): name for name in known}
     found: Sequence[str] = difflib.get_close_matches(word.lower()[:40], by_folded, n=1)
-    return f"; did you mean {by_folded[found[0]]}?" if found else ""
+    return f", probably {by_folded[found[0]]} is meant" if found else ""

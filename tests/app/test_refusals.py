@@ -18,9 +18,9 @@ CHAIR = Path(__file__).parents[1] / "data" / "chair.obj"
         ({"max_error": 2.0}, "max_error: .*less than or equal to 1"),
         ({"max_error": float("nan")}, "max_error: "),
         ({"tolerance": 0.0}, "tolerance: .*greater than 0"),
-        ({"mode": "ful"}, "mode: .*did you mean full?"),
-        ({"level": "Exact"}, "level: .*did you mean exact?"),
-        ({"include": ["rejectd"]}, "include.0: .*did you mean rejected?"),
+        ({"mode": "ful"}, "mode: .*probably full is meant"),
+        ({"level": "Exact"}, "level: .*probably exact is meant"),
+        ({"include": ["rejectd"]}, "include.0: .*probably rejected is meant"),
     ],
 )
 def test_detect_refuses_options(options: dict[str, Any], words: str) -> None:

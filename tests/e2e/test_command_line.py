@@ -53,7 +53,9 @@ def test_a_service_gives_the_same_answers(server: Server, data: Path, tmp_path: 
 
 
 def test_half_and_aligned_copy_are_the_same_from_a_service(server: Server, data: Path, tmp_path: Path) -> None:
-    for command, more in (("halve", ["--other"]), ("halve", ["--normal", "1,0,0", "--offset", "-0.4"]), ("align", [])):
+    low, high = server.detect("chair.obj", (data / "chair.obj").read_bytes()).json()["mesh"]["bounds"]
+    given = ["--normal", "1,0,0", f"--offset={-0.7 * low[0] - 0.3 * high[0]}"]
+    for command, more in (("halve", ["--other"]), ("halve", given), ("align", [])):
         here, there = tmp_path / "here.ply", tmp_path / "there.ply"
         local = prsnet(command, data / "chair.obj", "-o", here, "--overwrite", *more)
         remote = prsnet(command, data / "chair.obj", "-o", there, "--overwrite", "--url", server.url, *more)
