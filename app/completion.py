@@ -9,14 +9,13 @@ import numpy as np
 
 from app import schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
+from app.editing import best_plane
 from model.completion.mirroring import Completed, complete
-from model.errors import NoPlaneError
 from model.formats.reading import Resources, no_resources
 from model.meshes.colors import carried_colors
 from model.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from model.detection import Detection
     from model.types import FloatArray
 
 
@@ -62,7 +61,7 @@ def complete_mesh(
     steps: dict[str, float] = {}
     if options.plane is None:
         detection = detector.detect(mesh, mode="full", max_error=options.max_error)
-        plane, steps = _best(detection, options.max_error), detection.timings_ms
+        plane, steps = best_plane(detection, options.max_error), detection.timings_ms
     else:
         plane = np.array(options.plane)
     began = time.perf_counter()
@@ -79,17 +78,6 @@ def complete_mesh(
         timings_ms=timings(steps, started, parsed),
     )
     return answer, result
-
-
-def _best(detection: "Detection", max_error: float) -> "FloatArray":
-    if detection.planes:
-        best = detection.planes[0]
-        return np.append(best.normal, best.offset)
-    errors = [item.symmetry_error for item in detection.rejected if item.kind == "plane"]
-    nearest = f"; the best has {min(errors):.2g}" if errors else ""
-    raise NoPlaneError(
-        f"No mirror plane has an error of at most {max_error:g}{nearest}. Give a larger max_error, or a plane."
-    )
 
 
 def _completion(

@@ -17,15 +17,14 @@ import numpy as np
 from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
+from app.editing import AlignOptions, align_mesh, half_of
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.registry import MESH_WRITERS
 from app.planes import PlaneLike, plane_numbers
+from app.queries import AlignQuery, CompleteQuery, DetectQuery
+from app.refusals import require
 from app.schemas import Completion, DetectResponse, Include, LevelName, Mode
-from model.completion import mirroring
-from model.completion.alignment import alignment
 from model.formats.conversion import MeshLike, as_mesh
-from model.meshes.clipping import remove_unreferenced_vertices
-from model.meshes.colors import carried_colors
 from model.meshes.mesh import Mesh
 from model.types import ByteArray, FloatArray, IntArray
 
@@ -86,7 +85,9 @@ def detect(
         model.MeshError: the mesh cannot be used; the subclass and the message say why.
         model.CheckpointError: the weights cannot.
         OSError: the file cannot be opened.
+        ValueError: an option is none that ``POST /detect`` takes.
     """
+    require(DetectQuery, mode=mode, max_error=max_error, level=level, tolerance=tolerance, include=list(include))
     detector = detector_of(weights)
     started = time.perf_counter()
     triangles = as_mesh(mesh)
@@ -114,8 +115,9 @@ def complete(
 
     Raises:
         model.errors.NoPlaneError: no plane was given, and none detected.
-        model.MeshError, model.CheckpointError, OSError: as for `detect`.
+        model.MeshError, model.CheckpointError, OSError, ValueError: as for `detect`.
     """
+    require(CompleteQuery, max_error=max_error)
     started = time.perf_counter()
     given = None if plane is None else plane_numbers(plane).tolist()
     options = CompleteOptions(given, symmetrize, max_error)
@@ -150,13 +152,15 @@ def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") 
 
     Raises:
         model.errors.NoPlaneError: it has neither.
-        model.MeshError, model.CheckpointError, OSError: as for `detect`.
+        model.MeshError, model.CheckpointError, OSError, ValueError: as for `detect`.
     """
-    triangles = as_mesh(mesh)
-    matrix = alignment(detector_of(weights).detect(triangles, mode="full", max_error=max_error))
-    vertices, faces, used = remove_unreferenced_vertices(triangles.vertices, triangles.faces)
-    colors = None if triangles.colors is None else triangles.colors[used]
-    return AlignedGeometry(vertices @ matrix[:3, :3].T + matrix[:3, 3], faces, matrix, colors)
+    require(AlignQuery, max_error=max_error)
+    started = time.perf_counter()
+    triangles, detector = as_mesh(mesh), detector_of(weights)
+    done, result = align_mesh(
+        detector, triangles, _name(mesh), AlignOptions(max_error), started, time.perf_counter()
+    )  # fmt: skip
+    return AlignedGeometry(result.vertices, result.faces, np.array(done.alignment.matrix), result.colors)
 
 
 def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
@@ -165,19 +169,8 @@ def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[F
     Raises:
         model.MeshError: the mesh cannot be used, or nothing of it is on that side.
     """
-    half = half_of(as_mesh(mesh), plane, positive=positive)
+    half = half_of(as_mesh(mesh), plane_numbers(plane), positive=positive)
     return half.vertices, half.faces
-
-
-def half_of(mesh: Mesh, plane: PlaneLike, *, positive: bool = True) -> Mesh:
-    """What `halve` gives, as a mesh with its colours."""
-    numbers = plane_numbers(plane)
-    vertices, faces = mirroring.halve(mesh, numbers, positive=positive)
-    colors = None
-    if mesh.colors is not None:
-        kept = np.zeros(len(faces), dtype=np.bool_)
-        vertices, faces, colors = carried_colors(mesh, vertices, faces, kept, numbers)
-    return Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units, colors=colors)
 
 
 def writer_for(path: str | os.PathLike[str]) -> MeshWriter:

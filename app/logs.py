@@ -8,7 +8,7 @@ from typing import Any
 
 from app.settings import Settings
 
-_TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+_TEXT = "%(asctime)s %(levelname)s %(message)s"
 
 
 class JsonFormatter(logging.Formatter):
@@ -32,5 +32,8 @@ class JsonFormatter(logging.Formatter):
 def configure(settings: Settings) -> None:
     """Log to standard error in the format and from the level that the settings name."""
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonFormatter() if settings.log_format == "json" else logging.Formatter(_TEXT))
+    text = settings.log_format == "text" or (settings.log_format == "auto" and sys.stderr.isatty())
+    handler.setFormatter(logging.Formatter(_TEXT, "%H:%M:%S") if text else JsonFormatter())
+    if text and settings.log_level == "info":  # what the server is doing is told by our own lines
+        logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
     logging.basicConfig(level=settings.log_level.upper(), handlers=[handler], force=True)

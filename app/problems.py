@@ -15,6 +15,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
+from app.queries import QUERIES
+from app.refusals import reason
 from model.errors import (
     DegenerateMeshError,
     EmptyMeshError,
@@ -187,8 +189,10 @@ def _on_mesh_error(request: Request, error: Exception) -> Response:
 def _on_validation_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     # `loc` starts with "query"/"path"; the rejected input itself is not echoed.
+    query = QUERIES.get(getattr(request.scope.get("route"), "path", ""))
+    names = () if query is None else query.model_fields
     errors = [
-        {"parameter": ".".join(str(part) for part in item["loc"][1:]), "message": item["msg"]}
+        {"parameter": ".".join(str(part) for part in item["loc"][1:]), "message": reason(item, names)}
         for item in error.errors()
     ]
     detail = "; ".join(f"{item['parameter']}: {item['message']}" for item in errors) + "."

@@ -50,25 +50,33 @@ class DetectQuery(Schema):
     )
 
 
-class CompleteQuery(Schema):
-    """Options of ``POST /complete``."""
+class MeshQuery(Schema):
+    """Options of what answers with a mesh."""
 
-    format: _MeshFormat = Field(default="ply", description="File format of the completed mesh.")
-    normal: str | None = Field(
-        default=None,
-        max_length=200,
-        description="The plane to mirror at, as x,y,z of any length, with `offset`. Default: the best plane detected.",
-        examples=["1,0,0"],
-    )
-    offset: float | None = Field(
-        default=None, ge=-1e60, le=1e60, description="The plane is normal·x + offset = 0 in input coordinates."
-    )
-    symmetrize: bool = Field(default=False, description="Also average both halves, so that they become equal.")
+    format: _MeshFormat = Field(default="ply", description="File format of the answer.")
     max_error: float = Field(
         default=4e-4,
         gt=0,
         le=1,
-        description="Largest symmetry error of a plane that is detected; a damaged mesh may need more.",
+        description="Largest symmetry error of what is detected; a damaged mesh may need more.",
+    )
+
+
+class AlignQuery(MeshQuery):
+    """Options of ``POST /align``."""
+
+
+class PlaneQuery(MeshQuery):
+    """Options of what is done at a plane."""
+
+    normal: str | None = Field(
+        default=None,
+        max_length=200,
+        description="Normal of the plane, as x,y,z of any length, with `offset`. Default: the best plane detected.",
+        examples=["1,0,0"],
+    )
+    offset: float | None = Field(
+        default=None, ge=-1e60, le=1e60, description="The plane is normal·x + offset = 0 in input coordinates."
     )
 
     @field_validator("normal")
@@ -93,6 +101,27 @@ class CompleteQuery(Schema):
         vector = _direction(self.normal)
         length = math.hypot(*vector)
         return [*(x / length for x in vector), (self.offset or 0.0) / length]
+
+
+class CompleteQuery(PlaneQuery):
+    """Options of ``POST /complete``."""
+
+    symmetrize: bool = Field(default=False, description="Also average both halves, so that they become equal.")
+
+
+class HalveQuery(PlaneQuery):
+    """Options of ``POST /halve``."""
+
+    other: bool = Field(default=False, description="Keep the side that the normal points away from.")
+
+
+QUERIES: dict[str, type[Schema]] = {
+    "/detect": DetectQuery,
+    "/complete": CompleteQuery,
+    "/halve": HalveQuery,
+    "/align": AlignQuery,
+}
+"""What each path of the service takes."""
 
 
 def _direction(text: str) -> list[float]:

@@ -19,8 +19,8 @@ FlatMatrix: TypeAlias = Annotated[list[float], Field(min_length=16, max_length=1
 KEY_HEADER = "X-API-Key"
 """The header a key is sent in."""
 
-COMPLETION = "PRSNet-Completion"
-"""The header that says what `/complete` did."""
+COMPLETION, HALF, ALIGNMENT = "PRSNet-Completion", "PRSNet-Half", "PRSNet-Alignment"
+"""The headers that say what `/complete`, `/halve` and `/align` did."""
 
 
 class Schema(BaseModel):
@@ -198,6 +198,7 @@ class BopContinuous(Schema):
 class Bop(Schema):
     """The symmetries in the format of the BOP benchmark's ``models_info.json``, input units."""
 
+    diameter: float = Field(ge=0, description="Largest distance of two vertices.")
     symmetries_discrete: list[FlatMatrix] = Field(description="4x4 matrices, row-major.")
     symmetries_continuous: list[BopContinuous]
 
@@ -205,6 +206,7 @@ class Bop(Schema):
 class BopEntry(Schema):
     """An entry of a BOP data set's ``models_info.json``: box and symmetries of one model, input units."""
 
+    diameter: float = Field(ge=0, description="Largest distance of two vertices.")
     min_x: float
     min_y: float
     min_z: float
@@ -271,6 +273,41 @@ class CompletedMesh(Schema):
     mesh: MeshInfo
     timings_ms: Timings
     complete_ms: float = Field(ge=0)
+
+
+class Half(Schema):
+    """What `/halve` did, in the header `PRSNet-Half`: the plane is normal·x + offset = 0, input coordinates."""
+
+    normal: Vector
+    offset: float
+    detected: bool = Field(description="Found here, not given with the request.")
+    side: Literal["positive", "negative"] = Field(description="The side that was kept: that of the normal, or not.")
+    faces: int = Field(ge=0)
+    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+
+
+class HalvedMesh(Schema):
+    """What a worker answers beside half a mesh; a client gets the part ``half``."""
+
+    half: Half
+    mesh: MeshInfo
+    timings_ms: Timings
+
+
+class Alignment(Schema):
+    """What `/align` did, in the header `PRSNet-Alignment`."""
+
+    matrix: Matrix = Field(description="Rotation and shift, rows of a 4x4 matrix for column vectors.")
+    point_group: str = Field(description="Of the mesh, as `/detect` names it.")
+    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+
+
+class AlignedMesh(Schema):
+    """What a worker answers beside a mesh laid along the axes; a client gets the part ``alignment``."""
+
+    alignment: Alignment
+    mesh: MeshInfo
+    timings_ms: Timings
 
 
 class Health(Schema):

@@ -166,7 +166,9 @@ class Settings(BaseSettings):
     docs: bool = Field(default=True, description="Whether there are /docs and /openapi.json.")
     metrics: bool = Field(default=True, description="Whether there is /metrics.")
     otel: bool = Field(default=False, description="Whether to send traces by OTLP (needs the extra `otel`).")
-    log_format: Literal["json", "text"] = Field(default="json", description="One JSON object a line, or plain text.")
+    log_format: Literal["auto", "json", "text"] = Field(
+        default="auto", description="`json`: an object a line; `text`: for people; `auto`: text on a terminal."
+    )
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="Least level logged.")
 
     @field_validator("api_keys")

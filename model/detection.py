@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from model.geometry.diameter import diameter
 from model.geometry.transforms import reflection_homogeneous, rotation_homogeneous
 from model.meshes.mesh import Mesh
 from model.summary import SymmetrySummary
@@ -132,8 +133,8 @@ class Detection(SymmetrySummary):
     levels: list[Level] = field(default_factory=list[Level])
     similar: list[Rejected] = field(default_factory=list[Rejected])
 
-    def bop(self) -> dict[str, list[Any]]:
-        """The symmetries as an entry of a BOP `models_info.json`.
+    def bop(self) -> dict[str, Any]:
+        """Diameter and symmetries as in an entry of a BOP `models_info.json`.
 
         BOP knows proper rotations only: discrete ones as flat row-major 4 x 4 matrices (the identity left
         out), continuous ones as axis and a point on it. Reflections have no place there. A surface of revolution that
@@ -151,7 +152,8 @@ class Detection(SymmetrySummary):
         continuous = [
             {"axis": axis.direction.tolist(), "offset": axis.point.tolist()} for axis in self.axes if axis.continuous
         ]
-        return {"symmetries_discrete": discrete, "symmetries_continuous": continuous}
+        longest = diameter(self.mesh.vertices[np.unique(self.mesh.faces)])
+        return {"diameter": longest, "symmetries_discrete": discrete, "symmetries_continuous": continuous}
 
     def _perpendicular_half_turn(self) -> tuple[FloatArray, FloatArray]:
         """Direction and point of an axis that turns a surface of revolution of group Dinfh over."""

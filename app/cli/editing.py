@@ -1,5 +1,6 @@
 """``prsnet complete``, ``halve`` and ``align``: meshes made from a mesh and its symmetries."""
 
+import time
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,26 +70,37 @@ def halve(
     overwrite: Overwrite = False,
     max_error: MaxError = 4e-4,
     weights: Weights = "default",
+    url: Url = None,
+    api_key: ApiKey = None,
 ) -> None:
     """Keep one half of a symmetric mesh, cut exactly at the plane and open there."""
     from app import local
-    from model.errors import NoPlaneError
+    from app.client.client import Client
+    from app.editing import HalveOptions, halve_mesh
     from model.formats.conversion import as_mesh
 
     require_max_error(max_error)
-    plane: Any = plane_of(normal, offset)
+    plane = plane_of(normal, offset)
     with _output(file, output, overwrite) as source:
-        if plane is None:
-            load(weights)
-            planes = local.detect(source, max_error=max_error, weights=weights).planes
-            if not planes:
-                raise NoPlaneError(f"no mirror plane has an error of at most {max_error:g}")
-            plane = planes[0]
-        mesh = as_mesh(source)
-        half = local.half_of(mesh, plane, positive=not other)
-        _warn(file, mesh.warnings)
-        output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors))
-    typer.echo(f"{output}: {len(half.faces)} faces")
+        if url is None:
+            started = time.perf_counter()
+            detector, mesh = load(weights), as_mesh(source)
+            options = HalveOptions(plane, not other, max_error)
+            answer, half = halve_mesh(detector, mesh, file.name, options, started, time.perf_counter())
+            done = answer.half
+            output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors))
+        else:
+            with Client(url, api_key=api_key) as client:
+                received = client.halve(
+                    source, format=local.mesh_format(output), plane=plane, positive=not other, max_error=max_error
+                )
+            done = received.half
+            received.save(output)
+    _warn(file, done.warnings)
+    typer.echo(
+        f"{output}: {done.faces} faces, the {done.side} side of the plane "
+        f"({', '.join(f'{value:.6g}' for value in done.normal)}), offset {done.offset:.6g}"
+    )
 
 
 def align(
@@ -97,20 +109,33 @@ def align(
     overwrite: Overwrite = False,
     max_error: MaxError = 4e-4,
     weights: Weights = "default",
+    url: Url = None,
+    api_key: ApiKey = None,
 ) -> None:
     """Turn and shift a copy of a mesh: its symmetry plane onto YZ, its main axis onto Z."""
     from app import local
+    from app.client.client import Client
+    from app.editing import AlignOptions, align_mesh
     from model.formats.conversion import as_mesh
 
     require_max_error(max_error)
     with _output(file, output, overwrite) as source:
-        load(weights)
-        mesh = as_mesh(source)
-        done = local.align(mesh, max_error=max_error, weights=weights)
-        _warn(file, mesh.warnings)
-        done.save(output)
-    rows = "; ".join(" ".join(f"{value:.9g}" for value in row) for row in done.matrix.tolist())
-    typer.echo(f"{output}: {len(done.faces)} faces, moved by {rows}")
+        if url is None:
+            started = time.perf_counter()
+            detector, mesh = load(weights), as_mesh(source)
+            answer, moved = align_mesh(
+                detector, mesh, file.name, AlignOptions(max_error), started, time.perf_counter()
+            )  # fmt: skip
+            done = answer.alignment
+            output.write_bytes(local.writer_for(output).file(moved.vertices, moved.faces, moved.colors))
+        else:
+            with Client(url, api_key=api_key) as client:
+                received = client.align(source, format=local.mesh_format(output), max_error=max_error)
+            done = received.alignment
+            received.save(output)
+    _warn(file, done.warnings)
+    rows = "; ".join(" ".join(f"{value:.9g}" for value in row) for row in done.matrix)
+    typer.echo(f"{output}: point group {done.point_group}, moved by {rows}")
 
 
 def _warn(file: Path, warnings: Iterable[str]) -> None:

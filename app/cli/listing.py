@@ -69,6 +69,8 @@ class Listing:
     @property
     def include(self) -> tuple[Include, ...]:
         """What the format needs in an answer."""
+        if self._format == TABLE:
+            return ("rejected",)  # where nothing is found, the best of them is told
         return self._output.include if self._output is not None else ()
 
     @contextmanager

@@ -1,5 +1,7 @@
 """A detection as tables a person can read, for ``prsnet detect``."""
 
+import math
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -22,7 +24,7 @@ def print_report(response: DetectResponse, console: Console | None = None) -> No
     if response.axes:
         console.print(_axes(response.axes))
     if not response.planes and not response.axes:
-        console.print("  no symmetry found")
+        console.print(f"  no symmetry found{_nearest(response)}")
     for level in response.levels:
         console.print(_level(level))
         for patch in level.breaks:
@@ -32,6 +34,26 @@ def print_report(response: DetectResponse, console: Console | None = None) -> No
     for warning in response.warnings:
         console.print(f"  [yellow]warning:[/yellow] {escape(warning)}")
     console.print()
+
+
+def _nearest(response: DetectResponse) -> str:
+    """The best of what was turned down, and the threshold without which it cannot be taken."""
+    turned_down = [item for item in response.rejected if item.reason == "not_symmetric"]
+    if not turned_down:
+        return ""
+    best = min(turned_down, key=lambda item: item.symmetry_error)
+    direction = best.normal if best.kind == "plane" else best.direction
+    error = best.symmetry_error
+    return (
+        f"; the best candidate is the {best.kind} {_vector(direction)} with an error of {error:.2g}, "
+        f"which needs at least --max-error {rounded_up(error):.2g}"
+    )
+
+
+def rounded_up(error: float) -> float:
+    """A number of two digits that is not smaller."""
+    step = 10.0 ** (math.floor(math.log10(error)) - 1) if error > 0 else 1.0
+    return min(1.0, math.ceil(error / step * 1.001) * step)
 
 
 def _planes(planes: list[Plane]) -> Table:

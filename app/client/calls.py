@@ -17,9 +17,13 @@ from app.client.companions import companions
 from app.client.errors import UnexpectedAnswerError, UnreachableError, for_problem
 from app.planes import PlaneLike, plane_numbers
 from app.schemas import (
+    ALIGNMENT,
     COMPLETION,
+    HALF,
     KEY_HEADER,
+    Alignment,
     Completion,
+    Half,
     Include,
     LevelName,
     Mode,
@@ -42,12 +46,11 @@ S = TypeVar("S", bound=Schema)
 
 
 @dataclass(frozen=True, slots=True)
-class CompletedFile:
-    """A completed mesh as the file it came as, and what was done."""
+class MeshFile:
+    """A mesh as the file it came as."""
 
     data: bytes
     format: str
-    completion: Completion
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the file.
@@ -56,6 +59,27 @@ class CompletedFile:
             OSError: it cannot be written.
         """
         Path(path).write_bytes(self.data)
+
+
+@dataclass(frozen=True, slots=True)
+class CompletedFile(MeshFile):
+    """A completed mesh, and what was done."""
+
+    completion: Completion
+
+
+@dataclass(frozen=True, slots=True)
+class HalfFile(MeshFile):
+    """Half a mesh, and what was done."""
+
+    half: Half
+
+
+@dataclass(frozen=True, slots=True)
+class AlignedFile(MeshFile):
+    """A mesh laid along the axes, and how it was moved."""
+
+    alignment: Alignment
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +142,25 @@ def detect_call(
 def complete_call(mesh: Source, format: str, plane: PlaneLike | None, symmetrize: bool, max_error: float) -> Call:
     """``POST /complete``."""
     query: dict[str, Any] = {"format": format, "symmetrize": symmetrize, "max_error": max_error}
-    if plane is not None:
-        *normal, offset = plane_numbers(plane).tolist()
-        query |= {"normal": ",".join(map(repr, normal)), "offset": offset}
-    return Call("POST", "/complete", query, mesh)
+    return Call("POST", "/complete", query | _plane_query(plane), mesh)
+
+
+def halve_call(mesh: Source, format: str, plane: PlaneLike | None, positive: bool, max_error: float) -> Call:
+    """``POST /halve``."""
+    query: dict[str, Any] = {"format": format, "other": not positive, "max_error": max_error}
+    return Call("POST", "/halve", query | _plane_query(plane), mesh)
+
+
+def align_call(mesh: Source, format: str, max_error: float) -> Call:
+    """``POST /align``."""
+    return Call("POST", "/align", {"format": format, "max_error": max_error}, mesh)
+
+
+def _plane_query(plane: PlaneLike | None) -> dict[str, Any]:
+    if plane is None:
+        return {}
+    *normal, offset = plane_numbers(plane).tolist()
+    return {"normal": ",".join(map(repr, normal)), "offset": offset}
 
 
 def parsed(schema: type[S], text: bytes | str) -> S:
@@ -144,6 +183,24 @@ def completed(response: httpx.Response, format: str) -> CompletedFile:
     """
     done = parsed(Completion, response.headers.get(COMPLETION, ""))
     return CompletedFile(response.content, format, done)
+
+
+def halved(response: httpx.Response, format: str) -> HalfFile:
+    """The answer of ``POST /halve``.
+
+    Raises:
+        UnexpectedAnswerError: it does not say what was done.
+    """
+    return HalfFile(response.content, format, parsed(Half, response.headers.get(HALF, "")))
+
+
+def aligned(response: httpx.Response, format: str) -> AlignedFile:
+    """The answer of ``POST /align``.
+
+    Raises:
+        UnexpectedAnswerError: it does not say what was done.
+    """
+    return AlignedFile(response.content, format, parsed(Alignment, response.headers.get(ALIGNMENT, "")))
 
 
 def checked(response: httpx.Response) -> httpx.Response:

@@ -18,14 +18,20 @@ from typing import Self
 import httpx
 
 from app.client.calls import (
+    AlignedFile,
     Call,
     ClientConfig,
     CompletedFile,
+    HalfFile,
     Source,
+    align_call,
+    aligned,
     checked,
     complete_call,
     completed,
     detect_call,
+    halve_call,
+    halved,
     parsed,
     pause,
 )
@@ -114,6 +120,22 @@ class Client:
     ) -> CompletedFile:
         """A mesh completed by its mirror image; see `app.local.complete`."""
         return completed(self._send(complete_call(mesh, format, plane, symmetrize, max_error)), format)
+
+    def halve(
+        self,
+        mesh: Source,
+        *,
+        format: str = "ply",
+        plane: PlaneLike | None = None,
+        positive: bool = True,
+        max_error: float = 4e-4,
+    ) -> HalfFile:
+        """One half of a mesh, open where it was cut; without a plane the best one that is detected is taken."""
+        return halved(self._send(halve_call(mesh, format, plane, positive, max_error)), format)
+
+    def align(self, mesh: Source, *, format: str = "ply", max_error: float = 4e-4) -> AlignedFile:
+        """A copy of a mesh laid along the axes; see `app.local.align`."""
+        return aligned(self._send(align_call(mesh, format, max_error)), format)
 
     def model_card(self) -> ModelCard:
         """What the service serves, and the limits of a request."""
@@ -208,6 +230,22 @@ class AsyncClient:
     ) -> CompletedFile:
         """A mesh completed by its mirror image; see `app.local.complete`."""
         return completed(await self._send(complete_call(mesh, format, plane, symmetrize, max_error)), format)
+
+    async def halve(
+        self,
+        mesh: Source,
+        *,
+        format: str = "ply",
+        plane: PlaneLike | None = None,
+        positive: bool = True,
+        max_error: float = 4e-4,
+    ) -> HalfFile:
+        """One half of a mesh, open where it was cut; without a plane the best one that is detected is taken."""
+        return halved(await self._send(halve_call(mesh, format, plane, positive, max_error)), format)
+
+    async def align(self, mesh: Source, *, format: str = "ply", max_error: float = 4e-4) -> AlignedFile:
+        """A copy of a mesh laid along the axes; see `app.local.align`."""
+        return aligned(await self._send(align_call(mesh, format, max_error)), format)
 
     async def model_card(self) -> ModelCard:
         """What the service serves, and the limits of a request."""

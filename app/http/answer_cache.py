@@ -23,7 +23,12 @@ _OVERHEAD = 500
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    kind: type[schemas.DetectResponse] | type[schemas.CompletedMesh]
+    kind: (
+        type[schemas.DetectResponse]
+        | type[schemas.CompletedMesh]
+        | type[schemas.HalvedMesh]
+        | type[schemas.AlignedMesh]
+    )
     text: bytes
     file: tuple[bytes, ...]
 

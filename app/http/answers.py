@@ -56,17 +56,25 @@ def with_headers(response: Response, headers: dict[str, str]) -> Response:
     return response
 
 
-def completed(runtime: Runtime, answer: Answer, format: str) -> Response:
-    """The response of ``POST /complete``.
+def edited(runtime: Runtime, answer: Answer, format: str) -> Response:
+    """The response of ``POST /complete``, ``/halve`` and ``/align``: a mesh, and in a header what was done.
 
     Raises:
         ProblemError: ``overloaded`` (503).
     """
     content = answer.content
-    assert isinstance(content, schemas.CompletedMesh)
+    match content:
+        case schemas.CompletedMesh():
+            header, done, word = schemas.COMPLETION, content.completion, "completed"
+        case schemas.HalvedMesh():
+            header, done, word = schemas.HALF, content.half, "half"
+        case schemas.AlignedMesh():
+            header, done, word = schemas.ALIGNMENT, content.alignment, "aligned"
+        case schemas.DetectResponse():
+            raise TypeError("not a mesh")
     headers = {
-        schemas.COMPLETION: content.completion.model_dump_json(),
-        "Content-Disposition": disposition(content.mesh.filename, f"-completed.{format}"),
+        header: done.model_dump_json(),
+        "Content-Disposition": disposition(content.mesh.filename, f"-{word}.{format}"),
     }
     return _attached(runtime, answer.file, headers, _MEDIA_TYPES[format])
 

@@ -228,39 +228,54 @@ DETECT: dict[str, Any] = {
     },
 }
 
-COMPLETE: dict[str, Any] = {
-    "tags": ["symmetry"],
-    "summary": "Complete a mesh by its mirror image",
-    "response_model": None,
-    "response_class": Response,
-    "responses": {
-        200: {
-            "description": "The completed mesh as a file, in the mesh's own coordinates.",
-            "content": {output.media_type: _BINARY for output in OUTPUTS if output.mesh is not None},
-            "headers": {
-                **_KEPT_HEADERS,
-                schemas.COMPLETION: {
-                    "description": "What was done, as JSON.",
-                    "content": {_JSON: {"schema": _ref("Completion")}},
-                },
-                "Content-Disposition": {"description": "A name for the file.", "schema": {"type": "string"}},
+
+def _mesh_answer(summary: str, description: str, header: str, schema: str, example: str) -> dict[str, Any]:
+    """A path that answers with a mesh, and in a header with what was done."""
+    done = {"description": "What was done, as JSON.", "content": {_JSON: {"schema": _ref(schema)}}}
+    name = {"description": "A name for the file.", "schema": {"type": "string"}}
+    return {
+        "tags": ["symmetry"],
+        "summary": summary,
+        "response_model": None,
+        "response_class": Response,
+        "responses": {
+            200: {
+                "description": description,
+                "content": {output.media_type: _BINARY for output in OUTPUTS if output.mesh is not None},
+                "headers": {**_KEPT_HEADERS, header: done, "Content-Disposition": name},
             },
+            304: _NOT_MODIFIED,
+            **_errors(*_UPLOAD_PROBLEMS, problems.NO_PLANE),
         },
-        304: _NOT_MODIFIED,
-        **_errors(*_UPLOAD_PROBLEMS, problems.NO_PLANE),
-    },
-    "openapi_extra": {
-        "requestBody": _UPLOAD_BODY,
-        "parameters": _CONDITION,
-        "x-codeSamples": [
-            {
-                "lang": "Shell",
-                "label": "curl",
-                "source": "curl -F file=@scan.ply -o completed.ply 'http://127.0.0.1:8000/complete?max_error=2e-3'",
-            },
-        ],
-    },
-}
+        "openapi_extra": {
+            "requestBody": _UPLOAD_BODY,
+            "parameters": _CONDITION,
+            "x-codeSamples": [{"lang": "Shell", "label": "curl", "source": f"curl {example}"}],
+        },
+    }
+
+
+COMPLETE = _mesh_answer(
+    "Complete a mesh by its mirror image",
+    "The completed mesh as a file, in the mesh's own coordinates.",
+    schemas.COMPLETION,
+    "Completion",
+    "-F file=@scan.ply -o completed.ply 'http://127.0.0.1:8000/complete?max_error=2e-3'",
+)
+HALVE = _mesh_answer(
+    "Keep half of a mesh",
+    "The half as a file, in the mesh's own coordinates, open where it was cut.",
+    schemas.HALF,
+    "Half",
+    "-F file=@part.stl -o half.stl 'http://127.0.0.1:8000/halve?format=stl'",
+)
+ALIGN = _mesh_answer(
+    "Lay a mesh along the axes",
+    "The moved copy as a file: its symmetry plane on YZ, its main axis on Z.",
+    schemas.ALIGNMENT,
+    "Alignment",
+    "-F file=@part.stl -o aligned.glb 'http://127.0.0.1:8000/align?format=glb'",
+)
 HEALTH: dict[str, Any] = {
     "tags": ["operation"],
     "summary": "Readiness",
@@ -298,7 +313,7 @@ def build(app: FastAPI) -> dict[str, Any]:
     # Put in afterwards, because FastAPI drops members that are null from what it is given.
     answers = document["paths"]["/detect"]["post"]["responses"]
     answers["200"]["content"]["application/json"]["example"] = _EXAMPLE_RESPONSE
-    for schema in (schemas.Problem, schemas.Completion, schemas.BopEntry):
+    for schema in (schemas.Problem, schemas.Completion, schemas.Half, schemas.Alignment, schemas.BopEntry):
         described = schema.model_json_schema(ref_template="#/components/schemas/{model}")
         document["components"]["schemas"].update(described.pop("$defs", {}))
         document["components"]["schemas"][schema.__name__] = described

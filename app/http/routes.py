@@ -8,7 +8,7 @@ from fastapi.responses import Response
 from app import __version__, queries, schemas
 from app.http import answers, openapi
 from app.http.auth import require_key
-from app.http.handler import process_upload
+from app.http.handler import Outcome, process_upload
 from app.http.metrics import CONTENT_TYPE
 from app.http.runtime import Runtime
 
@@ -47,6 +47,12 @@ async def detect(request: Request, query: Annotated[queries.DetectQuery, Query()
     return answers.with_headers(answers.detected(runtime, outcome.answer, query, choice), outcome.headers)
 
 
+def _mesh(runtime: Runtime, outcome: Outcome, format: str) -> Response:
+    if outcome.answer is None:
+        return answers.not_modified(outcome.headers)
+    return answers.with_headers(answers.edited(runtime, outcome.answer, format), outcome.headers)
+
+
 @router.post("/complete", dependencies=KEY, **openapi.COMPLETE)
 async def complete(request: Request, query: Annotated[queries.CompleteQuery, Query()], runtime: RuntimeOf) -> Response:
     """Complete one mesh by its mirror image: what is there stays, what is missing is taken from the other side."""
@@ -62,9 +68,41 @@ async def complete(request: Request, query: Annotated[queries.CompleteQuery, Que
         plane=query.plane,
         symmetrize=query.symmetrize,
     )
-    if outcome.answer is None:
-        return answers.not_modified(outcome.headers)
-    return answers.with_headers(answers.completed(runtime, outcome.answer, query.format), outcome.headers)
+    return _mesh(runtime, outcome, query.format)
+
+
+@router.post("/halve", dependencies=KEY, **openapi.HALVE)
+async def halve(request: Request, query: Annotated[queries.HalveQuery, Query()], runtime: RuntimeOf) -> Response:
+    """Keep one half of one mesh, cut exactly at a plane and open there."""
+    outcome = await process_upload(
+        request,
+        runtime,
+        query.format,
+        task="halve",
+        mode="full",
+        max_error=query.max_error,
+        include=[],
+        geometry=query.format,
+        plane=query.plane,
+        positive=not query.other,
+    )
+    return _mesh(runtime, outcome, query.format)
+
+
+@router.post("/align", dependencies=KEY, **openapi.ALIGN)
+async def align(request: Request, query: Annotated[queries.AlignQuery, Query()], runtime: RuntimeOf) -> Response:
+    """Lay a copy of one mesh along the axes: its symmetry plane on YZ, its main axis on Z."""
+    outcome = await process_upload(
+        request,
+        runtime,
+        query.format,
+        task="align",
+        mode="full",
+        max_error=query.max_error,
+        include=[],
+        geometry=query.format,
+    )
+    return _mesh(runtime, outcome, query.format)
 
 
 @router.get("/health", **openapi.HEALTH)

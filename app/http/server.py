@@ -1,8 +1,10 @@
 """Runs the application under uvicorn: logging, draining before the port closes, a meaningful exit code."""
 
+import errno
 import logging
 import math
 import signal
+import socket
 import time
 from types import FrameType
 
@@ -45,10 +47,26 @@ class DrainingServer(uvicorn.Server):
             self.should_exit = True
         return await super().on_tick(counter)
 
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, and tell where."""
+        await super().startup(sockets)
+        for server in getattr(self, "servers", []):
+            for listening in server.sockets:
+                host, port, *_ = listening.getsockname()
+                host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
+                logger.info("open http://%s:%d in a browser; Ctrl+C ends the service", host, port)
+
 
 def serve(settings: Settings) -> int:
     """Serve until a signal. The exit code is 0, or 1 when start-up failed."""
     logs.configure(settings)
+    if _is_taken(settings.host, settings.port):
+        logger.error(
+            "port %d of %s is in use: choose another one with --port (PRSNET_PORT), or end what listens there",
+            settings.port,
+            settings.host,
+        )
+        return 1
     app = create_app(settings)
     runtime: Runtime = app.state.runtime
     config = uvicorn.Config(
@@ -74,3 +92,13 @@ def serve(settings: Settings) -> int:
     runtime.on_failure = give_up
     server.run()
     return 1 if failures else 0
+
+
+def _is_taken(host: str, port: int) -> bool:
+    """Whether another program listens there; whatever else is wrong with an address shows when the service listens."""
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        socket.create_server((host, port), family=family).close()
+    except OSError as error:
+        return error.errno == errno.EADDRINUSE
+    return False

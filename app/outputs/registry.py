@@ -3,7 +3,7 @@
 All lists of them (in the query, Accept, the API documentation, the command line, the viewer) comes from here.
 """
 
-from app.outputs import bop, csv_rows, glb, obj, ply, shrec, stl, symmetries_json
+from app.outputs import bop, csv_rows, foundationpose, glb, obj, ply, shrec, stl, symmetries_json
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.output_format import OutputFormat
 
@@ -12,6 +12,7 @@ OUTPUTS: tuple[OutputFormat, ...] = (
     ply.FORMAT,
     glb.FORMAT,
     bop.FORMAT,
+    foundationpose.FORMAT,
     csv_rows.FORMAT,
     shrec.FORMAT,
     obj.FORMAT,

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from app.completion import CompleteOptions, complete_file
 from app.detection import MeshLimits, Options, SymmetryDetector, detect_file
+from app.editing import AlignOptions, HalveOptions, edit_file
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.registry import MESH_WRITERS
 from app.schemas import to_json
@@ -33,6 +34,13 @@ def perform(
         answer, mesh = complete_file(detector, data, job.filename, options, limits, on_parsed, resources)
         body = _body(MESH_WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, _most(job))
         return answer.model_dump_json(by_alias=True).encode(), body
+    if job.task in ("halve", "align"):
+        edit = AlignOptions(job.max_error)
+        if job.task == "halve":
+            edit = HalveOptions(job.plane, job.positive, job.max_error)
+        edited, mesh = edit_file(detector, data, job.filename, edit, limits, on_parsed, resources)
+        body = _body(MESH_WRITERS[job.geometry or "ply"], mesh, edited.mesh.bounds, _most(job))
+        return edited.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
     response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed, resources)
     text = to_json(response, options.include)

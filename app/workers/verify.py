@@ -42,7 +42,7 @@ class UntrustedError(Exception):
 class Answer:
     """A checked answer: what it says, and the parts of the mesh file that goes with it, if one does."""
 
-    content: schemas.DetectResponse | schemas.CompletedMesh
+    content: schemas.DetectResponse | schemas.CompletedMesh | schemas.HalvedMesh | schemas.AlignedMesh
     file: list[bytes] = field(default_factory=list[bytes])
 
 
@@ -52,7 +52,7 @@ def trusted(text: bytes, body: bytes | None, job: Job, card: Card) -> Answer:
     Raises:
         UntrustedError: it breaks the schema, or is not about this job, or its geometry is none.
     """
-    content = trusted_completion(text, job, card) if job.task == "complete" else trusted_answer(text, job, card)
+    content = _TRUSTED[job.task](text, job, card)
     if body is None:
         return Answer(content)
     try:
@@ -81,14 +81,47 @@ def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMe
     _require(_is_unit(done.plane.normal) and _in_range([done.plane.offset]), "a plane that is none")
     _require(done.plane.detected == (job.plane is None), "a plane nobody asked for")
     _require(done.symmetrized == job.symmetrize, "another task's answer")
-    _require(len(done.warnings) <= _MOST_WARNINGS, "too many warnings")
-    # They go into a header, which knows no other letters.
-    _require(all(_is_sentence(text) and text.isascii() for text in done.warnings), "text that is no sentence")
+    _require_warnings(done.warnings)
     counts = (done.vertices_kept, done.faces_kept, done.vertices_added, done.faces_added)
     _require(max(counts) <= _GROWTH * max(job.max_faces, job.max_vertices), "an impossible number of faces")
     _require(_in_range([done.area_added, done.tolerance, done.seam_distance]), "no measures")
     _require_timings(answer.timings_ms)
     _require(answer.complete_ms <= _LONGEST_MS, "impossible timings")
+    return answer
+
+
+def trusted_half(text: bytes, job: Job, card: Card) -> schemas.HalvedMesh:
+    """The description of half a mesh, checked.
+
+    Raises:
+        UntrustedError: it breaks the schema, or is not about this job.
+    """
+    answer = _parsed(schemas.HalvedMesh, text)
+    half = answer.half
+    _require_mesh(answer.mesh, job, card, growth=_GROWTH)
+    _require(_is_unit(half.normal) and _in_range([half.offset]), "a plane that is none")
+    _require(half.detected == (job.plane is None), "a plane nobody asked for")
+    _require((half.side == "positive") == job.positive, "another task's answer")
+    _require(half.faces == answer.mesh.faces, "counts that contradict each other")
+    _require_warnings(half.warnings)
+    _require_timings(answer.timings_ms)
+    return answer
+
+
+def trusted_alignment(text: bytes, job: Job, card: Card) -> schemas.AlignedMesh:
+    """The description of a mesh laid along the axes, checked.
+
+    Raises:
+        UntrustedError: it breaks the schema, or is not about this job.
+    """
+    answer = _parsed(schemas.AlignedMesh, text)
+    done = answer.alignment
+    _require_mesh(answer.mesh, job, card)
+    _require(all(map(_in_range, done.matrix)), "a matrix out of range")
+    _require(all(_is_unit(row[:3]) for row in done.matrix[:3]), "a matrix that is no motion")
+    _require(_POINT_GROUP.fullmatch(done.point_group) is not None, "no point group")
+    _require_warnings(done.warnings)
+    _require_timings(answer.timings_ms)
     return answer
 
 
@@ -121,6 +154,14 @@ def trusted_answer(body: bytes, job: Job, card: Card) -> schemas.DetectResponse:
     return answer
 
 
+_TRUSTED = {
+    "detect": trusted_answer,
+    "complete": trusted_completion,
+    "halve": trusted_half,
+    "align": trusted_alignment,
+}
+
+
 def trusted_error(value: object) -> errors.MeshError:
     """The error of the mesh that a worker reports, as name and message.
 
@@ -151,6 +192,12 @@ def _require_mesh(mesh: schemas.MeshInfo, job: Job, card: Card, growth: int = 1)
     _require(0 < mesh.vertices <= growth * job.max_vertices, "a number of vertices beyond the limit")
     _require(all(map(_in_range, mesh.bounds)), "bounds out of range")
     _require(all(low <= high for low, high in zip(*mesh.bounds, strict=True)), "bounds that are none")
+
+
+def _require_warnings(warnings: list[str]) -> None:
+    _require(len(warnings) <= _MOST_WARNINGS, "too many warnings")
+    # They go into a header, which knows no other letters.
+    _require(all(_is_sentence(text) and text.isascii() for text in warnings), "text that is no sentence")
 
 
 def _require_timings(timings: schemas.Timings) -> None:

@@ -66,6 +66,14 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     for geometry, symmetrize in itertools.product(MESH_WRITERS, (False, True)):
         ways: dict[str, Any] = {"task": "complete", "geometry": geometry, "symmetrize": symmetrize}
         jobs.append((Job("half.off", "full", size=len(half), plane=[1.0, 0.0, 0.0, -0.5], **ways, **common), half))
+    header = _PLY_HEADER.replace(
+        "float z\n", "float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    )
+    corners = "\n".join(f"{line} 200 0 0" for line in _lines(_CORNERS).split("\n"))
+    faces = _lines((len(face), *face) for face in _MIXED)
+    colored = f"{header.format('ascii', len(_MIXED))}{corners}\n{faces}\n".encode()
+    for task in ("halve", "align"):
+        jobs.append((Job("colored.ply", "full", size=len(colored), task=task, geometry="ply", **common), colored))
     return jobs
 
 

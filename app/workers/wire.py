@@ -35,8 +35,9 @@ class Job:
     """One file to work on. ``size`` bytes of it follow the frame, or are in the file whose descriptor came with it.
 
     With ``geometry`` the answer is followed by a frame of kind `GEOMETRY`, the body of a file of that format.
-    ``plane``, unit normal and offset, and ``symmetrize`` are for completing. ``parts`` are name and size of every file
-    where several came, the mesh and what it refers to, one after the other in the bytes.
+    ``plane`` (unit normal and offset) is for completing and halving, ``symmetrize`` for the first, ``positive`` (which
+    side is kept) for the second. ``parts`` are name and size of every file where several came, the mesh and what it
+    refers to, one after the other in the bytes.
     """
 
     filename: str
@@ -50,10 +51,11 @@ class Job:
     cpu_s: float
     size: int
     transport: Literal["inline", "descriptor"]
-    task: Literal["detect", "complete"] = "detect"
+    task: Literal["detect", "complete", "halve", "align"] = "detect"
     geometry: str | None = None
     plane: list[float] | None = None
     symmetrize: bool = False
+    positive: bool = True
     max_answer_bytes: int = 0
     level: LevelName = "auto"
     tolerance: float | None = None

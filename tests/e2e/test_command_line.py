@@ -52,6 +52,27 @@ def test_a_service_gives_the_same_answers(server: Server, data: Path, tmp_path: 
     assert (tmp_path / "c.stl").stat().st_size == 84 + 50 * 260
 
 
+def test_half_and_aligned_copy_are_the_same_from_a_service(server: Server, data: Path, tmp_path: Path) -> None:
+    low, high = server.detect("chair.obj", (data / "chair.obj").read_bytes()).json()["mesh"]["bounds"]
+    given = ["--normal", "1,0,0", f"--offset={-0.7 * low[0] - 0.3 * high[0]}"]
+    for command, more in (("halve", ["--other"]), ("halve", given), ("align", [])):
+        here, there = tmp_path / "here.ply", tmp_path / "there.ply"
+        local = prsnet(command, data / "chair.obj", "-o", here, "--overwrite", *more)
+        remote = prsnet(command, data / "chair.obj", "-o", there, "--overwrite", "--url", server.url, *more)
+        assert (local.returncode, remote.returncode) == (0, 0), remote.stderr
+        assert local.stdout.replace("here.ply", "there.ply") == remote.stdout
+        assert here.read_bytes() == there.read_bytes()
+    moved = server.detect("there.ply", there.read_bytes()).json()
+    assert (moved["planes"][0]["normal"], moved["planes"][0]["offset"]) == ([1.0, 0.0, 0.0], 0.0)
+
+
+def test_a_taken_port_is_told(server: Server) -> None:
+    port = server.url.rpartition(":")[2]
+    second = prsnet("serve", "--port", port)
+    assert second.returncode == 1
+    assert f"port {port} of 127.0.0.1 is in use: choose another one with --port" in second.stderr
+
+
 def test_exit_codes(data: Path, tmp_path: Path) -> None:
     nobody = prsnet("detect", data / "chair.obj", "--url", "http://127.0.0.1:9")
     assert (nobody.returncode, nobody.stdout) == (4, "")

@@ -448,7 +448,7 @@ def test_completion(at_home: Visit, server: Server) -> None:
     asked = httpx.URL(next(address for address in at_home.asked if "/complete" in address)).params
     assert [float(x) for x in asked["normal"].split(",")] == plane["normal"]
     assert float(asked["offset"]) == plane["offset"]
-    page.get_by_role("button", name="Open it here").click()
+    page.get_by_role("button", name="Open completed").click()
     expect(page.locator("#filename")).to_have_text("broken-completed.obj")
     expect(page.locator("#canvas")).to_have_attribute("data-faces", str(len(completed.faces)))
 
@@ -505,7 +505,7 @@ def test_by_keyboard_alone(at_home: Visit) -> None:
         page.keyboard.press(key)
     assert (np.abs(at_home.pixels() - first).max(axis=2) > 8).mean() > 0.02
     reached = set()
-    for _ in range(25):
+    for _ in range(40):
         page.keyboard.press("Tab")
         reached.add(
             page.evaluate("(e => e.textContent || e.getAttribute('aria-label') || e.id)(document.activeElement)")
@@ -568,3 +568,75 @@ def test_a_mesh_with_colours_is_shown_in_them(at_home: Visit, tmp_path: Path) ->
     middle = at_home.pixels()
     red = (middle[..., 0] > 1.5 * middle[..., 1] + 20) & (middle[..., 0] > 1.2 * middle[..., 2])
     assert red.mean() > 0.02
+
+
+def test_where_nothing_is_found_the_best_candidate_is_told(at_home: Visit) -> None:
+    at_home.choose("Plant")
+    words = at_home.page.locator(".nearest")
+    expect(words).to_contain_text("The best candidate is")
+    least = float(words.inner_text().rstrip(".").split()[-1])
+    assert 4e-4 < least < 0.1
+
+
+def test_long_lists_are_folded_by_kind(at_home: Visit) -> None:
+    at_home.choose("Icosahedral star")
+    page = at_home.page
+    planes = page.get_by_role("region", name="Planes")
+    kinds = planes.locator("details.kind")
+    counts = [int(text) for text in kinds.locator("summary .count").all_inner_texts()]
+    assert (len(counts) > 1, sum(counts)) == (True, 15)
+    expect(planes.locator(".row").first).to_be_hidden()
+    kinds.first.locator("summary").click()
+    expect(planes.locator(".row").first).to_be_visible()
+    expect(kinds.first.locator("summary")).to_contain_text("error up to")
+    assert sum(map(int, page.get_by_role("region", name="Axes").locator("details .count").all_inner_texts())) == 31
+
+
+def test_other_downloads(at_home: Visit) -> None:
+    at_home.choose("Hexagonal nut")
+    page = at_home.page
+    contents: dict[str, bytes] = {}
+    page.get_by_label("Format of the completed mesh").select_option("ply")
+    for button in ("CSV", "BOP", "Half", "Aligned copy", "Picture"):
+        with page.expect_download() as event:
+            page.get_by_role("button", name=button, exact=True).click()
+        contents[event.value.suggested_filename] = Path(event.value.path()).read_bytes()
+    assert set(contents) == {
+        "nut-symmetries.csv", "nut-symmetries.json", "nut-half.ply", "nut-aligned.ply", "nut.png"
+    }  # fmt: skip
+    assert contents["nut-symmetries.csv"].count(b"plane") >= 7
+    assert json.loads(contents["nut-symmetries.json"])["diameter"] > 0
+    whole, half = (
+        trimesh.load_mesh(BytesIO(contents[f"nut-{name}.ply"]), file_type="ply") for name in ("aligned", "half")
+    )
+    assert half.area < 0.6 * whole.area
+    assert np.allclose(whole.bounds.sum(axis=0), 0.0, atol=1e-5 * whole.scale)
+    picture = np.asarray(Image.open(BytesIO(contents["nut.png"])).convert("RGB"))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+
+
+def test_a_link_brings_back_an_example_with_its_options(visit: Callable[..., Visit], server: Server) -> None:
+    first = visit(server.url, permissions=["clipboard-read", "clipboard-write"])
+    first.choose("Vase")
+    first.page.get_by_text("Paper", exact=True).click()
+    expect(first.page.locator(".results:not(.rejected) .row")).not_to_have_count(9)
+    first.page.get_by_role("button", name="Copy link").click()
+    expect(first.page.get_by_role("status")).to_have_text("Link copied.")
+    second = visit(first.page.evaluate("navigator.clipboard.readText()"))
+    second.url = server.url
+    expect(second.page.locator("#filename")).to_have_text("vase.ply")
+    expect(second.page.get_by_label("Paper")).to_be_checked()
+    assert "mode=paper" in second.detections()[-1]
+
+
+def test_a_click_on_an_axis_looks_along_it(at_home: Visit) -> None:
+    at_home.choose("Chair")
+    first = at_home.pixels()
+    seen = []
+    for name in "xyz":
+        at_home.page.get_by_role("button", name=f"Look from {name}").click()
+        at_home.page.mouse.move(0, 0)
+        seen.append(at_home.pixels())
+        assert (np.abs(seen[-1] - first).max(axis=2) > 8).mean() > 0.02
+    front = seen[2]  # the chair's plane is x = const: from z its two halves are seen side by side
+    assert (np.abs(front - seen[0]).max(axis=2) > 8).mean() > 0.02

@@ -44,20 +44,30 @@ export function detectQuery(options: Options): Record<string, string | string[]>
   };
 }
 
-/** The query of `/complete` for a plane in the input frame, or for the best one if there is none. */
-export function completeQuery(
+type PlaneNumbers = { normal: Vector; offset: number };
+
+/** The query of what answers with a mesh, at a plane in the input frame, or at the best one if there is none. */
+export function meshQuery(
   options: Options,
   format: string,
-  symmetrize: boolean,
-  plane: { normal: Vector; offset: number } | null,
+  plane: PlaneNumbers | null,
 ): Record<string, string> {
   return {
     format,
     ...(plane
       ? { normal: plane.normal.join(","), offset: String(plane.offset) }
       : { max_error: String(options.maxError) }),
-    ...(symmetrize ? { symmetrize: "true" } : {}),
   };
+}
+
+/** The query of `/complete`. */
+export function completeQuery(
+  options: Options,
+  format: string,
+  symmetrize: boolean,
+  plane: PlaneNumbers | null,
+): Record<string, string> {
+  return { ...meshQuery(options, format, plane), ...(symmetrize ? { symmetrize: "true" } : {}) };
 }
 
 /**

@@ -17,9 +17,16 @@ export const EXAMPLES: Example[] = [
   { file: "broken.3mf", title: "Damaged table", note: "a part is missing" },
 ];
 
+const fetched = new WeakSet<File>();
+
+/** Whether a file is one of the examples, and can be linked to. */
+export const isExample = (file: File | null): boolean => file !== null && fetched.has(file);
+
 /** One example as a file, as if it had been dropped. */
 export async function fetchExample(example: Example): Promise<File> {
   const response = await fetch(new URL(`static/viewer/examples/${example.file}`, document.baseURI));
   if (!response.ok) throw new Error(`The example is missing (${response.status}).`);
-  return new File([await response.blob()], example.file);
+  const file = new File([await response.blob()], example.file);
+  fetched.add(file);
+  return file;
 }

@@ -1,9 +1,11 @@
-/** What to take away: JSON, a line for the terminal, the annotated GLB, the completed mesh. */
+/** What to take away: the result in several formats, a picture, and meshes made with it. */
 
-import { completeQuery, curlLine, detectQuery, endpoint, send, type Options } from "./api";
+import { completeQuery, curlLine, detectQuery, endpoint, meshQuery, send, type Options } from "./api";
 import { download, h } from "./dom";
+import { isExample } from "./examples";
 import { plural, shellWord, short } from "./format";
 import { formats } from "./formats";
+import { linkTo } from "./link";
 import { sourceOf } from "./list";
 import { ProblemError, noAnswer } from "./problems";
 import { itemById, type State, type Store } from "./store";
@@ -22,7 +24,12 @@ interface Completion {
   seam_distance: number;
 }
 
-export function exports(store: Store, say: Say, open: (file: File) => void): Exports {
+export function exports(
+  store: Store,
+  say: Say,
+  open: (file: File) => void,
+  picturePng: () => Promise<Blob>,
+): Exports {
   const format = h(
     "select",
     { id: "complete-format", "aria-label": "Format of the completed mesh" },
@@ -55,12 +62,29 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
     say(`${what} copied.`, true);
   }
 
-  async function annotated(): Promise<void> {
+  /** The result in one of the service's formats, as a file. */
+  async function saved(format: string, ending: string, what: string): Promise<void> {
     const { file, options } = asked(store.get());
-    const url = endpoint("detect", { ...detectQuery(options), format: "glb" });
+    const url = endpoint("detect", { ...detectQuery(options), format });
     const { content } = await send(url, file, new AbortController().signal);
-    download(content, `${stem(file.name)}-symmetries.glb`);
-    say("Annotated GLB downloaded.", true);
+    download(content, `${stem(file.name)}-symmetries.${ending}`);
+    say(`${what} downloaded.`, true);
+  }
+
+  /** A mesh that the service makes of this one, as a file: half of it, or a copy laid along the axes. */
+  async function made(path: "halve" | "align", word: string): Promise<void> {
+    const state = store.get();
+    const { file, options } = asked(state);
+    const query = meshQuery(options, format.value, path === "halve" ? chosenPlane(state) : null);
+    const { content } = await send(endpoint(path, query), file, new AbortController().signal);
+    download(content, `${stem(file.name)}-${word}.${format.value}`);
+    say(path === "halve" ? "Half downloaded." : "Aligned copy downloaded.", true);
+  }
+
+  async function snapshot(): Promise<void> {
+    const picture = await picturePng();
+    download(picture, `${stem(asked(store.get()).file.name)}.png`);
+    say("Picture downloaded.", true);
   }
 
   /** The completed mesh as a file. */
@@ -76,6 +100,10 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
     return new File([answer.content], `${stem(file.name)}-completed.${format.value}`);
   }
 
+  const link = button("Copy link", () => {
+    const { file, options } = asked(store.get());
+    return copy(linkTo(file.name, options), "Link");
+  });
   const element = h(
     "section",
     { class: "exports" },
@@ -89,15 +117,19 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
         const names = withCompanions(file).map((part) => part.name);
         return copy(curlLine(names, options, shellWord), "curl line");
       }),
-      button("Annotated GLB", annotated),
+      link,
+      button("Annotated GLB", () => saved("glb", "glb", "Annotated GLB")),
+      button("CSV", () => saved("csv", "csv", "CSV")),
+      button("BOP", () => saved("bop", "json", "BOP entry")),
+      button("Picture", snapshot),
     ),
-    h("h4", {}, "Complete what is missing"),
+    h("h4", {}, "Make a mesh of it"),
     h(
       "p",
       { class: "muted small" },
-      "Keeps what is there and mirrors the rest from the other side, at ",
+      "The completed mesh keeps what is there and mirrors the rest from the other side, the half is cut, at ",
       across,
-      ".",
+      ". The aligned copy has the plane on YZ and the main axis on Z.",
     ),
     h(
       "div",
@@ -107,7 +139,9 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
         const file = await completed();
         download(file, file.name);
       }),
-      button("Open it here", async () => open(await completed())),
+      button("Half", () => made("halve", "half")),
+      button("Aligned copy", () => made("align", "aligned")),
+      button("Open completed", async () => open(await completed())),
     ),
     h("label", { class: "check small" }, symmetrize, "also average both halves"),
     outcome,
@@ -115,6 +149,7 @@ export function exports(store: Store, say: Say, open: (file: File) => void): Exp
   return {
     element,
     update(state) {
+      link.hidden = !isExample(state.file);
       const item = itemById(state, state.selected);
       across.textContent =
         item?.kind === "plane"

@@ -1,4 +1,4 @@
-/** The directions of the file's x, y and z, in a corner. */
+/** The directions of the file's x, y and z, in a corner; a click on one looks from there. */
 
 import { Vector3 } from "three";
 import { svg } from "./dom";
@@ -14,9 +14,10 @@ export function attachGizmo(stage: Stage, parent: HTMLElement): void {
     viewBox: `0 0 ${SIZE} ${SIZE}`,
     width: SIZE,
     height: SIZE,
-    "aria-hidden": "true",
+    role: "group",
+    "aria-label": "Look along an axis",
   });
-  const arms = NAMES.map((name) => {
+  const arms = NAMES.map((name, index) => {
     const line = svg("line", { x1: SIZE / 2, y1: SIZE / 2, class: `gizmo-${name}` });
     const label = svg("text", {
       class: `gizmo-${name}`,
@@ -24,19 +25,36 @@ export function attachGizmo(stage: Stage, parent: HTMLElement): void {
       "dominant-baseline": "central",
     });
     label.textContent = name;
-    picture.append(line, label);
-    return { line, label };
+    const look = (): void => stage.lookFrom(index as 0 | 1 | 2);
+    const target = svg("circle", {
+      r: 9,
+      class: "gizmo-target",
+      role: "button",
+      tabindex: 0,
+      "aria-label": `Look from ${name}`,
+    });
+    target.addEventListener("click", look);
+    target.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" && event.key !== " ") return;
+      event.preventDefault();
+      look();
+    });
+    picture.append(line, label, target);
+    return { line, label, target };
   });
   parent.append(picture);
   stage.onFrame(() => {
     const view = stage.camera.matrixWorldInverse;
-    arms.forEach(({ line, label }, index) => {
+    arms.forEach(({ line, label, target }, index) => {
       const direction = new Vector3().setComponent(index, 1).transformDirection(view);
       const [x, y] = [SIZE / 2 + ARM * direction.x, SIZE / 2 - ARM * direction.y];
       line.setAttribute("x2", x.toFixed(1));
       line.setAttribute("y2", y.toFixed(1));
-      label.setAttribute("x", (x + 8 * direction.x).toFixed(1));
-      label.setAttribute("y", (y - 8 * direction.y).toFixed(1));
+      const [atX, atY] = [(x + 8 * direction.x).toFixed(1), (y - 8 * direction.y).toFixed(1)];
+      label.setAttribute("x", atX);
+      label.setAttribute("y", atY);
+      target.setAttribute("cx", atX);
+      target.setAttribute("cy", atY);
     });
   });
 }

@@ -4,6 +4,7 @@ import { errorColor } from "./colors";
 import { h } from "./dom";
 import { short, vector } from "./format";
 import { icon } from "./icons";
+import { kindOf, mainAxis } from "./kinds";
 import type { Item } from "./items";
 import type { AxisResult, PlaneResult } from "./result";
 import { accepted, type State, type Store } from "./store";
@@ -29,6 +30,9 @@ const OTHERS: [string, string, (item: Item) => boolean][] = [
   ],
 ];
 
+/** A longer list is folded by kind. */
+const MOST_UNFOLDED = 10;
+
 interface Row {
   item: Item;
   element: HTMLElement;
@@ -52,7 +56,7 @@ export function lists(store: Store): Lists {
     const title = kind === "plane" ? "Planes" : "Axes";
     const own = items.map((item) => row(item, store));
     rows.push(...own);
-    elements.push(section(title, own, store));
+    elements.push(section(title, own, store, mainAxis(results)));
   }
   for (const [title, text, isIn] of OTHERS) {
     const own = state.items.filter((item) => item.reason && isIn(item)).map((item) => row(item, store));
@@ -62,7 +66,7 @@ export function lists(store: Store): Lists {
   return { elements, update: (now) => rows.forEach((each) => show(each, now)) };
 }
 
-function section(title: string, rows: Row[], store: Store): HTMLElement {
+function section(title: string, rows: Row[], store: Store, main: Item | null): HTMLElement {
   const ids = rows.map(({ item }) => item.id);
   const all = h(
     "button",
@@ -74,8 +78,38 @@ function section(title: string, rows: Row[], store: Store): HTMLElement {
     { class: "results", "aria-label": title },
     h("h3", {}, title, h("span", { class: "count" }, String(rows.length)), rows.length > 1 && all),
     rows.length > 0
-      ? h("ul", {}, ...rows.map(({ element }) => element))
+      ? rowsOf(rows, main)
       : h("p", { class: "muted small" }, `No ${title.toLowerCase()} within the largest error.`),
+  );
+}
+
+/** One list, or where it would be long one for each kind, folded. */
+function rowsOf(rows: Row[], main: Item | null): HTMLElement {
+  const listed = (some: Row[]): HTMLElement => h("ul", {}, ...some.map(({ element }) => element));
+  if (rows.length <= MOST_UNFOLDED) return listed(rows);
+  const kinds = new Map<string, Row[]>();
+  for (const row of rows) {
+    const kind = kindOf(row.item, main);
+    kinds.set(kind, [...(kinds.get(kind) ?? []), row]);
+  }
+  return h(
+    "div",
+    {},
+    ...[...kinds].map(([kind, some]) => {
+      const largest = Math.max(...some.map(({ item }) => item.error));
+      return h(
+        "details",
+        { class: "kind" },
+        h(
+          "summary",
+          {},
+          kind,
+          h("span", { class: "count" }, String(some.length)),
+          h("span", { class: "note" }, `error up to ${short(largest)}`),
+        ),
+        listed(some),
+      );
+    }),
   );
 }
 
@@ -145,6 +179,8 @@ function show({ item, element, pick, eye }: Row, state: State): void {
   if (selected === Boolean(details)) return;
   if (details) details.remove();
   else {
+    const folded = element.closest<HTMLDetailsElement>("details.kind");
+    if (folded) folded.open = true;
     element.append(numbers(item, state));
     element.scrollIntoView({ block: "nearest" });
   }

@@ -1,9 +1,11 @@
 /** Puts the page together. */
 
 import { byId } from "./dom";
+import { fetchExample } from "./examples";
 import { attachGizmo } from "./gizmo";
 import { HeatMeter } from "./heat";
 import { askForKey } from "./keydialog";
+import { readLink } from "./link";
 import { attachPanel } from "./panel";
 import { attachPicture, attachPointer } from "./picture";
 import { attachProblemBox } from "./problembox";
@@ -47,11 +49,15 @@ if (stage) {
 attachViews(store, () => stage?.home());
 attachStart(store, open);
 attachDrop(open);
-attachPanel(store, session, say);
+attachPanel(store, session, say, async () => {
+  if (!stage) throw new Error("There is no picture without WebGL.");
+  return stage.picture();
+});
 attachProgress(store, () => session.cancel());
 attachProblemBox(store, () => void session.retry());
 attachStatus(store, say);
 attachHead();
+openLink();
 
 /** The picture; without WebGL there is none, and the lists and numbers remain. */
 function createStage(): Stage | null {
@@ -61,6 +67,14 @@ function createStage(): Stage | null {
     byId("picture").classList.add("no-webgl");
     return null;
   }
+}
+
+/** What the address asks for, if it asks for anything. */
+function openLink(): void {
+  const link = readLink(location.hash);
+  if (!link) return;
+  store.set(link.options);
+  void fetchExample(link.example).then(open);
 }
 
 function attachHead(): void {

@@ -8,15 +8,15 @@ import { lists, type Lists } from "./list";
 import type { Session } from "./session";
 import type { Say } from "./status";
 import { isBusy, type Store } from "./store";
-import { facts, summary, warnings } from "./summary";
+import { facts, nearest, summary, warnings } from "./summary";
 
-export function attachPanel(store: Store, session: Session, say: Say): void {
+export function attachPanel(store: Store, session: Session, say: Say, picturePng: () => Promise<Blob>): void {
   const panel = byId("panel");
   const head = h("div", { class: "part" });
   const results = h("div", { class: "part" });
   const foot = h("div", { class: "part" });
   const ask = controls(store, () => void session.again());
-  const takeAway = exports(store, say, (file) => void session.open(file));
+  const takeAway = exports(store, say, (file) => void session.open(file), picturePng);
   panel.append(head, ask.element, results, takeAway.element, foot);
   let shown: Lists | null = null;
 
@@ -29,7 +29,9 @@ export function attachPanel(store: Store, session: Session, say: Say): void {
     if (!result) return;
     if (result !== before.result || !shown) {
       shown = lists(store);
-      head.replaceChildren(...[summary(result), warnings(result)].filter((part) => part !== null));
+      head.replaceChildren(
+        ...[summary(result), nearest(result), warnings(result)].filter((part) => part !== null),
+      );
       results.replaceChildren(...shown.elements);
       foot.replaceChildren(...[levels(result), facts(result)].filter((part) => part !== null));
     }

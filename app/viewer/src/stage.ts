@@ -93,6 +93,25 @@ export class Stage {
     this.render();
   }
 
+  /** From a direction of the file's coordinates, such as along x. */
+  lookFrom(axis: 0 | 1 | 2): void {
+    const direction = new Vector3().setComponent(axis, 1);
+    const above = this.up === "y" ? 1 : 2;
+    // Not quite from above: there the controls do not know which way is up.
+    if (axis === above) direction.setComponent(above === 1 ? 2 : 1, above === 1 ? 1e-3 : -1e-3).normalize();
+    this.camera.position.copy(direction.multiplyScalar(this.camera.position.length()));
+    this.controls.update();
+    this.render();
+  }
+
+  /** What is to be seen, as PNG. */
+  picture(): Promise<Blob> {
+    this.renderer.render(this.scene, this.camera); // a drawing buffer lasts only until the browser has shown it
+    return new Promise((resolve, reject) =>
+      this.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The picture is empty.")))),
+    );
+  }
+
   private newControls(): OrbitControls {
     const controls = new OrbitControls(this.camera, this.canvas);
     controls.minDistance = NEAREST;

@@ -50,3 +50,21 @@ export function warnings(result: DetectResult): HTMLElement | null {
   if (result.warnings.length === 0) return null;
   return h("ul", { class: "warnings" }, ...result.warnings.map((text) => h("li", {}, text)));
 }
+
+/** Where nothing was found: the best of what was turned down, and the least threshold it needs. */
+export function nearest(result: DetectResult): HTMLElement | null {
+  if (result.planes.length + result.axes.length > 0) return null;
+  const turnedDown = (result.rejected ?? []).filter(({ reason }) => reason === "not_symmetric");
+  if (turnedDown.length === 0) return null;
+  const best = turnedDown.reduce((a, b) => (b.symmetry_error < a.symmetry_error ? b : a));
+  const error = best.symmetry_error;
+  const words = `The best candidate is ${best.kind === "plane" ? "a plane" : "an axis"} with an error of ${short(error)}, which needs a largest error of at least ${short(roundedUp(error))}.`;
+  return h("p", { class: "nearest small" }, words);
+}
+
+/** A number of two digits that is not smaller. */
+export function roundedUp(value: number): number {
+  if (value <= 0) return value;
+  const step = 10 ** (Math.floor(Math.log10(value)) - 1);
+  return Math.min(1, Number((Math.ceil((value / step) * (1 - 1e-12)) * step).toPrecision(2)));
+}

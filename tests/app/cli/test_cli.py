@@ -77,7 +77,7 @@ def test_every_format_of_the_service_that_is_text_can_be_printed() -> None:
     assert result.stdout.splitlines()[0] == "1"
     for arguments, words in (
         (["--format", "shrec", str(DATA / "chair.obj"), str(DATA / "plant.off")], "one mesh"),
-        (["--format", "glb", str(DATA / "chair.obj")], "table, jsonl, json, bop, csv, shrec"),
+        (["--format", "glb", str(DATA / "chair.obj")], "table, jsonl, json, bop, foundationpose, csv, shrec"),
         (["--format", "csv", "--json", str(DATA / "chair.obj")], "at most one"),
     ):
         result = runner.invoke(app, ["detect", *ONE, *arguments])

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,8 @@ from typer.testing import CliRunner
 from app import detection, local
 from app.cli.commands import app
 from app.cli.inputs import expand, unlike
+from app.cli.tables import rounded_up
+from model import Detector
 from tests.app.fakes import DATA, FakeDetector
 
 runner = CliRunner()
@@ -158,3 +161,36 @@ def test_what_was_left_out_is_told_by_every_command(tmp_path: Path) -> None:
         result = runner.invoke(app, [command, str(tmp_path / "broken.obj"), "-o", str(tmp_path / f"{command}.ply")])
         assert result.exit_code == 0, result.stderr
         assert "warning: 1 face was left out" in result.stderr
+
+
+def test_without_a_symmetry_the_best_candidate_is_told() -> None:
+    local.detector_of.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(detection, "load_detector", Detector.load)
+        result = runner.invoke(app, ["detect", str(DATA / "plant.off")])
+    words = re.search(
+        r"the (plane|axis) \(.*error of ([\d.e-]+), which needs at least --max-error ([\d.e-]+)",
+        " ".join(result.stdout.split()),
+    )
+    assert words, result.stdout
+    assert 4e-4 < float(words[2]) <= float(words[3]) <= 1.1 * float(words[2])
+
+
+@pytest.mark.parametrize("error", [4.0e-4, 9.99e-3, 1.0, 1.23456e-7])
+def test_a_threshold_is_rounded_upwards(error: float) -> None:
+    assert error <= rounded_up(error) <= 1.11 * error
+
+
+def test_symmetry_axes_for_foundationpose(tmp_path: Path) -> None:
+    result = runner.invoke(app, ["detect", str(DATA / "chair.obj"), "--format", "foundationpose"])
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(runner.invoke(app, ["detect", str(DATA / "chair.obj"), "--json"]).stdout)
+    entry = json.loads(result.stdout)["chair"]
+    told = {name[0] for name in entry["symmetry_axes"]}
+    along = ["xyz"[axis["direction"].index(1.0)] for axis in answer["axes"] if 1.0 in axis["direction"]]
+    assert told == set(along)
+    assert entry["left_out"] == len(answer["axes"]) - len(along)
+    for axis in answer["axes"]:
+        if axis["order"] and 1.0 in axis["direction"]:
+            name = "xyz"[axis["direction"].index(1.0)]
+            assert f"{name}_{360 / axis['order']:g}" in entry["symmetry_axes"]

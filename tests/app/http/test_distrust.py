@@ -224,3 +224,51 @@ def test_any_form_is_an_upload_or_a_problem(parts: list[bytes], size: int) -> No
         return
     assert upload.filename
     assert not set("/\\\0") & set(upload.filename)
+
+
+_MESH = {
+    "filename": "chair.obj", "format": "obj", "vertices": 3, "faces": 1, "watertight": False,
+    "bounds": [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]],
+}  # fmt: skip
+_UNIT = [[1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+EDITED: dict[str, dict[str, Any]] = {
+    "halve": {
+        "half": {"normal": [1.0, 0.0, 0.0], "offset": 0.0, "detected": True, "side": "positive", "faces": 1},
+        "mesh": _MESH, "timings_ms": _EXAMPLE_RESPONSE["timings_ms"],
+    },
+    "align": {
+        "alignment": {"matrix": _UNIT, "point_group": "Cs"},
+        "mesh": _MESH, "timings_ms": _EXAMPLE_RESPONSE["timings_ms"],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("task", EDITED)
+def test_an_honest_edit_passes(task: Any) -> None:
+    answer = trusted(json.dumps(EDITED[task]).encode(), BODY, replace(COMPLETE, task=task), CARD)
+    assert answer.file[0].startswith(b"ply")
+
+
+@pytest.mark.parametrize(
+    ("task", "path", "value"),
+    [
+        ("halve", ("half", "normal"), [1.0, 1.0, 0.0]),
+        ("halve", ("half", "detected"), False),
+        ("halve", ("half", "side"), "negative"),
+        ("halve", ("half", "faces"), 2),
+        ("halve", ("half", "warnings"), ["two\nlines"]),
+        ("halve", ("mesh", "filename"), "other.obj"),
+        ("align", ("alignment", "matrix"), [[1e90, 0.0, 0.0, 0.0], *_UNIT[1:]]),
+        ("align", ("alignment", "matrix"), [[2.0, 0.0, 0.0, 0.0], *_UNIT[1:]]),
+        ("align", ("alignment", "point_group"), "C1\r\nX: y"),
+        ("align", ("alignment", "warnings"), ["\u00e9"]),
+    ],
+)
+def test_a_lie_about_an_edit_does_not_pass(task: Any, path: tuple[str, ...], value: Any) -> None:
+    content = json.loads(json.dumps(EDITED[task]))
+    place = content
+    for name in path[:-1]:
+        place = place[name]
+    place[path[-1]] = value
+    with pytest.raises(UntrustedError):
+        trusted(json.dumps(content).encode(), BODY, replace(COMPLETE, task=task), CARD)

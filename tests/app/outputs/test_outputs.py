@@ -246,9 +246,10 @@ def test_bop_entry_turns_the_model_onto_itself(answers: dict[str, Any]) -> None:
     assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
     moved = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
     assert np.allclose(np.sort(moved, axis=0), np.sort(mesh.vertices, axis=0), atol=1e-5)
-    assert set(json.loads(bop.write(answers["plant.off"][0]))) == {
-        f"{kind}_{axis}" for kind in ("min", "size") for axis in "xyz"
-    }
+    pairs = np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=2)
+    assert entry["diameter"] == pytest.approx(pairs.max())
+    boxes = {f"{kind}_{axis}" for kind in ("min", "size") for axis in "xyz"}
+    assert set(json.loads(bop.write(answers["plant.off"][0]))) == {"diameter", *boxes}
 
 
 def test_files_are_named_after_what_came() -> None:
