@@ -123,7 +123,7 @@ class Detector:
         else:
             choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
             found = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
-        result = to_input(found, frame, mesh, resolution, timings)
+        result = to_input(found, frame, mesh, resolution, max_error, timings)
         timings["total"] = _since(started)
         return result
 

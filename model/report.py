@@ -21,10 +21,16 @@ _ROUNDING = 1e-9
 _DECIMALS = 12
 _DIGITS = 6
 _PROBABILITY_DECIMALS = 2
+_MUCH_MISSING, _JUST_OVER = 0.02, 4.0
 
 
 def to_input(
-    found: Symmetries, frame: UnitFrame, mesh: Mesh, resolution: float, timings_ms: dict[str, float]
+    found: Symmetries,
+    frame: UnitFrame,
+    mesh: Mesh,
+    resolution: float,
+    max_error: float,
+    timings_ms: dict[str, float],
 ) -> Detection:
     """What was found, in the frame of ``mesh``.
 
@@ -33,6 +39,7 @@ def to_input(
         frame: the mesh's unit frame.
         mesh: what was searched.
         resolution: of its coordinates, unit frame.
+        max_error: the threshold it was searched with.
         timings_ms: of the steps.
     """
     report = _Report(frame, max(_ROUNDING, 4.0 * resolution))
@@ -46,11 +53,35 @@ def to_input(
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,
-        warnings=list(mesh.warnings),
+        warnings=[*mesh.warnings, *_warnings(found, max_error)],
         levels=report.levels(found),
         similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
         rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],
     )
+
+
+def _warnings(found: Symmetries, max_error: float) -> list[str]:
+    """What a reader should know about how the answer came about."""
+    warnings: list[str] = []
+    chosen = None if found.chosen is None else found.levels[found.chosen]
+    if chosen is not None and chosen.missing >= _MUCH_MISSING:
+        warnings.append(
+            f"The surface is open. For {100 * chosen.missing:.0f} % of it the counterpart was not seen; that counts as "
+            "missing, not as different."
+        )
+    if chosen is None and found.levels:
+        likeliest = max(found.levels, key=lambda level: level.confidence)
+        warnings.append(
+            f"{likeliest.point_group} holds within max_error, but is a symmetry of the intact shape with a probability "
+            f"of {likeliest.confidence:.2f} only: it is listed under levels."
+        )
+    nearest = min((item.error for item in found.rejected), default=np.inf)
+    if not found.levels and not found.planes and nearest <= _JUST_OVER * max_error:
+        warnings.append(
+            f"No symmetry holds within max_error. The best candidate has an error of {nearest:.2g}: it takes a larger "
+            "max_error to accept it."
+        )
+    return warnings
 
 
 def _geometric(vector: FloatArray) -> tuple[float, ...]:

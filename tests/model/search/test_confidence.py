@@ -42,3 +42,27 @@ def test_rounding_alone_is_certain_whatever_the_coefficients_say() -> None:
     doubtful = np.zeros(terms(rows).shape[1])
     doubtful[0] = -2.0
     np.testing.assert_allclose(predict(doubtful, rows), [1.0, 1.0 / (1.0 + np.exp(2.0))])
+
+
+def test_an_open_surface_is_told(detector: Detector) -> None:
+    mesh = as_mesh(known("prism", 1, n=6))
+    cut = cut_ball(mesh.vertices, mesh.faces, np.random.default_rng(0))
+    assert not detector.detect(mesh).warnings
+    detection = detector.detect(cut)
+    chosen = next(level for level in detection.levels if level.chosen)
+    told = [text for text in detection.warnings if "not seen" in text]
+    assert chosen.missing > 0.02
+    assert told == detection.warnings
+    assert f"{100 * chosen.missing:.0f} %" in told[0]
+
+
+def test_without_symmetry_the_best_candidate_is_told(detector: Detector) -> None:
+    chair = as_mesh(known("chair", 2))
+    assert detector.detect(chair).planes
+    leaning = chair.vertices + 0.12 * chair.vertices[:, [2]] * np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    detection = detector.detect((leaning, chair.faces), max_error=1e-5)
+    assert not detection.planes
+    errors = [candidate.symmetry_error for candidate in detection.rejected]
+    assert any("takes a larger max_error" in text for text in detection.warnings) == (min(errors) <= 4e-5)
+    generous = detector.detect((leaning, chair.faces), max_error=min(errors) / 3.0)
+    assert any("takes a larger max_error" in text for text in generous.warnings)
