@@ -64,6 +64,8 @@ class Ladder:
         for index in order[(rms[order] > done) & (rms[order] <= limit)]:
             needed = max(float(rms[index]), self._group.rms, settings.feature_precision / settings.growth)
             tolerance = min(settings.growth * needed, limit)
+            if self._group.name == "C1" and self._grows(needed):
+                self._note()  # an axis that fits better than any plane or half turn comes before them
             if self._add(candidates[[int(index)]], tolerance):
                 self._extend(tolerance)
                 self._note()
@@ -75,10 +77,11 @@ class Ladder:
         facets elsewhere, of a bore, say, keep from being exact.
         """
         settings, limit = self._context.settings, self._context.limit
+        if self._group.name == "C1" and self._grows(limit):
+            self._note()  # what it is a part of may be much rougher
         rough = min(settings.growth * max(self._group.rms, settings.feature_precision / settings.growth), limit)
-        if self._group.name == "C1":
-            self._extend(limit)
-        elif self._group.rms > settings.file_precision or self._raise_order(rough, nearly_round=True):
+        exact = self._group.rms <= settings.file_precision
+        if self._group.name != "C1" and (not exact or self._raise_order(rough, nearly_round=True)):
             self._extend(rough)
         self._note()
 
@@ -140,8 +143,12 @@ class Ladder:
 
     def _extend(self, tolerance: float) -> None:
         """Try what the group suggests, until nothing more holds."""
-        while self._raise_order(tolerance) or any(self._try(h, tolerance) for h in self._suggested(tolerance)):
+        while self._grows(tolerance):
             pass
+
+    def _grows(self, tolerance: float) -> bool:
+        """Try what the group suggests; True if something held."""
+        return self._raise_order(tolerance) or any(self._try(h, tolerance) for h in self._suggested(tolerance))
 
     def _raise_order(self, tolerance: float, *, nearly_round: bool = False) -> bool:
         """Look for a higher order about each axis known or suspected; True if there was one."""
@@ -182,14 +189,14 @@ class Ladder:
         promising = context.settings.promising_exact if whole else context.settings.promising_axis
         if scores[best] > promising:
             return False
-        primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= promising]
+        primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= context.settings.promising_axis]
         direction, point = line, group.centre
         samples = context.samples.every(3) if precise else context.judging
         tried = {order, 1}
         # The axis may be where the line is. Else it is near the one that fits best, which another angle than its own
         # was fitted to: there its order may only show roughly.
-        limits = [tolerance]
-        limits += [max(tolerance, context.settings.feature_precision), tolerance] if order == 1 else []
+        rough = max(tolerance, context.settings.feature_precision)
+        limits = [rough, rough, tolerance] if order == 1 else [tolerance]
         for attempt, limit in enumerate(limits):
             if attempt == 1:
                 axis = refine(context.surface, context.points(3), starts[[best]], 8, scale=0.05)
