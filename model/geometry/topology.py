@@ -46,19 +46,69 @@ def edge_neighbours(merged: IntArray, faces: IntArray) -> IntArray:
     ``merged`` ``(v,)`` tells vertices at one place (`duplicate_vertex_map`). Edge k of a face leads from corner k to
     the next. An edge of one face alone has no neighbour, nor has one of three.
     """
-    corners = merged[faces]
-    pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    keys = pairs[:, 0].astype(np.int64) * len(merged) + pairs[:, 1]
-    order = np.argsort(keys, kind="stable")
-    ordered = keys[order]
-    starts = np.concatenate([[True], ordered[1:] != ordered[:-1]])
-    first = np.flatnonzero(starts)
-    counts = np.diff(np.append(first, len(ordered)))
-    twice = first[(counts == 2) & (pairs[order[first], 0] != pairs[order[first], 1])]
-    result = np.full(len(keys), -1, dtype=np.int32)
-    result[order[twice]] = order[twice + 1] // 3
-    result[order[twice + 1]] = order[twice] // 3
-    return result.reshape(-1, 3)
+    merged, faces = kernel_array(merged, np.int32), kernel_array(faces, np.int32)
+    size = 16
+    while size < 6 * len(faces):
+        size *= 2
+    count = 3 * len(faces)
+    table, partner = np.full(size, -1, dtype=np.int32), np.full(count, -1, dtype=np.int32)
+    uses, group = np.zeros(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    result = np.full((len(faces), 3), -1, dtype=np.int32)
+    _pair_edges(merged, faces, table, _HASH_SEED, uses, partner, group, result)
+    return result
+
+
+@jit
+def _pair_edges(
+    merged: IntArray,
+    faces: IntArray,
+    table: IntArray,
+    seed: int,
+    uses: IntArray,
+    partner: IntArray,
+    group: IntArray,
+    result: IntArray,
+) -> None:
+    """Find the two faces of each edge through a hash table; ``uses``, ``partner`` and ``group`` ``(3 f,)`` are scratch.
+
+    Edge k of face i has the number 3 i + k; the first at a place stands for all there.
+    """
+    mask = np.int64(table.shape[0] - 1)
+    for edge in range(group.shape[0]):
+        face, corner = edge // 3, edge % 3
+        a, b = merged[faces[face, corner]], merged[faces[face, (corner + 1) % 3]]
+        low, high = min(a, b), max(a, b)
+        key = (np.uint64(seed) ^ np.uint64(low)) * np.uint64(0xD6E8FEB86659FD93)
+        key ^= key >> np.uint64(32)
+        key = (key ^ np.uint64(high)) * np.uint64(0xD6E8FEB86659FD93)
+        key ^= key >> np.uint64(32)
+        slot = np.int64(key & np.uint64(mask))
+        while True:
+            other = table[slot]
+            if other < 0:
+                table[slot] = edge
+                other = np.int32(edge)
+                break
+            c = merged[faces[other // 3, other % 3]]
+            d = merged[faces[other // 3, (other % 3 + 1) % 3]]
+            if min(c, d) == low and max(c, d) == high:
+                break
+            slot = (slot + np.int64(1)) & mask
+        group[edge] = other
+        uses[other] += 1
+        if other != edge:
+            partner[other] = edge
+    for edge in range(group.shape[0]):
+        face, corner = edge // 3, edge % 3
+        if (
+            group[edge] != edge
+            or uses[edge] != 2
+            or merged[faces[face, corner]] == merged[faces[face, (corner + 1) % 3]]
+        ):
+            continue
+        other = partner[edge]
+        result[face, corner] = other // 3
+        result[other // 3, other % 3] = face
 
 
 def duplicate_vertex_map(vertices: FloatArray) -> IntArray:

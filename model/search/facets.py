@@ -4,8 +4,10 @@ from functools import cached_property
 
 import numpy as np
 
+from model._jit import kernel_array
 from model.geometry.frames import face_normals
 from model.geometry.topology import duplicate_vertex_map, edge_neighbours
+from model.search._facet_kernels import bends, spread
 from model.types import BoolArray, FloatArray, IntArray
 
 _SMOOTH = float(np.cos(np.deg2rad(50.0)))
@@ -41,28 +43,14 @@ class Facets:
     @cached_property
     def sagittas(self) -> tuple[FloatArray, FloatArray]:
         """Those of faces ``(f,)``, and at vertices ``(v,)`` the largest of faces and rims that meet there."""
-        vertices, faces = self.vertices, self.faces
-        first = self.first
+        vertices, faces = kernel_array(self.vertices, np.float64), kernel_array(self.faces, np.int32)
+        first = kernel_array(self.first, np.int32)
         neighbours = edge_neighbours(first, faces)
         normals = face_normals(vertices, faces)
-        corners = vertices[faces]
-        edges = np.roll(corners, -1, axis=1) - corners
-        area = np.sqrt(np.square(np.cross(edges[:, 0], edges[:, 1])).sum(1))
-        length = np.sqrt(np.square(edges).sum(2))
-        width = np.divide(area[:, None], length, out=np.zeros_like(length), where=length > 0.0)
-        cosine = np.einsum("fi,fki->fk", normals, normals[np.maximum(neighbours, 0)])
-        smooth = (neighbours >= 0) & (cosine > _SMOOTH) & (cosine < _FLAT)
-        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-        # Across each smooth edge the surface bends; where it bends two ways, both add up.
-        of_face = np.where(smooth, 0.5 * width * np.tan(angle / 4.0), 0.0).sum(1)
-        # A strip between two rulings is as wide as the triangles that share its diagonal.
-        flat = (neighbours >= 0) & (cosine >= _FLAT)
-        across = np.where(flat, of_face[np.maximum(neighbours, 0)], 0.0).max(1)
-        of_face = np.maximum(of_face, across)
-        at_vertex = np.zeros(len(vertices))
-        for k in range(3):
-            np.maximum.at(at_vertex, first[faces[:, k]], of_face)
-        sharp = (neighbours < 0) | (cosine <= _SMOOTH)
+        own, of_face, at_vertex = np.empty(len(faces)), np.empty(len(faces)), np.zeros(len(vertices))
+        sharp = np.empty(faces.shape, dtype=np.bool_)
+        bends(vertices, faces, normals, neighbours, _SMOOTH, _FLAT, own, sharp)
+        spread(faces, first, normals, neighbours, _FLAT, own, of_face, at_vertex)
         _add_rims(vertices, first[faces], sharp, at_vertex)
         return of_face, at_vertex[first]
 

@@ -1,0 +1,81 @@
+"""Sagittas of facets: see `model.search.facets`."""
+
+import numpy as np
+
+from model._jit import jit
+from model.types import BoolArray, FloatArray, IntArray
+
+
+@jit
+def bends(
+    vertices: FloatArray,
+    faces: IntArray,
+    normals: FloatArray,
+    neighbours: IntArray,
+    smooth: float,
+    flat: float,
+    sagittas: FloatArray,
+    sharp: BoolArray,
+) -> None:
+    """Fill ``sagittas`` ``(f,)``, those across each face's own smooth edges added up, and ``sharp`` ``(f, 3)``.
+
+    An edge is smooth if the cosine between its faces lies between ``smooth`` and ``flat``, and sharp below or where no
+    face is beyond.
+    """
+    for face in range(faces.shape[0]):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
+        bx, by, bz = vertices[k, 0] - vertices[j, 0], vertices[k, 1] - vertices[j, 1], vertices[k, 2] - vertices[j, 2]
+        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        area = np.sqrt(cx * cx + cy * cy + cz * cz)
+        total = 0.0
+        for edge in range(3):
+            other = neighbours[face, edge]
+            if other < 0:
+                sharp[face, edge] = True
+                continue
+            cosine = 0.0
+            for axis in range(3):
+                cosine += normals[face, axis] * normals[other, axis]
+            sharp[face, edge] = cosine <= smooth
+            if cosine <= smooth or cosine >= flat:
+                continue
+            start, end = faces[face, edge], faces[face, (edge + 1) % 3]
+            length = 0.0
+            for axis in range(3):
+                length += (vertices[end, axis] - vertices[start, axis]) ** 2
+            if length > 0.0:
+                angle = np.arccos(min(max(cosine, -1.0), 1.0))
+                total += 0.5 * area / np.sqrt(length) * np.tan(angle / 4.0)
+        sagittas[face] = total
+
+
+@jit
+def spread(
+    faces: IntArray,
+    first: IntArray,
+    normals: FloatArray,
+    neighbours: IntArray,
+    flat: float,
+    own: FloatArray,
+    of_face: FloatArray,
+    at_vertex: FloatArray,
+) -> None:
+    """Fill ``of_face`` ``(f,)`` with the largest of a face and those that lie flat beside it; raise ``at_vertex``.
+
+    A strip between two rulings is as wide as the triangles that share its diagonal.
+    """
+    for face in range(faces.shape[0]):
+        largest = own[face]
+        for edge in range(3):
+            other = neighbours[face, edge]
+            if other >= 0 and own[other] > largest:
+                cosine = 0.0
+                for axis in range(3):
+                    cosine += normals[face, axis] * normals[other, axis]
+                if cosine >= flat:
+                    largest = own[other]
+        of_face[face] = largest
+        for corner in range(3):
+            vertex = first[faces[face, corner]]
+            at_vertex[vertex] = max(at_vertex[vertex], largest)
