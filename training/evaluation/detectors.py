@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from model.detector import Detector, use_one_thread
+from model.errors import TooComplexError
 from model.geometry.frames import UnitFrame
 from model.meshes.mesh import Mesh
 from model.network.architecture import Architecture
@@ -35,7 +36,10 @@ class Detection:
 
     def __call__(self, mesh: Mesh, seed: Sequence[int]) -> Answer:
         """`training.evaluation.method.Method`."""
-        found = self.detector.detect(mesh, mode=self.mode, max_error=self.max_error, sources=self.sources)
+        try:
+            found = self.detector.detect(mesh, mode=self.mode, max_error=self.max_error, sources=self.sources)
+        except TooComplexError:  # refused: no answer
+            return Answer(Found(np.zeros((0, 4))))
         planes = np.array([np.append(plane.normal, plane.offset) for plane in found.planes]).reshape(-1, 4)
         axes = [FoundAxis(axis.direction, axis.point, None if axis.continuous else axis.order) for axis in found.axes]
         exact = [element.exact for element in (*found.planes, *found.axes)]
