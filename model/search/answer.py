@@ -21,6 +21,7 @@ from model.types import FloatArray
 
 _ENOUGH_FLAT, _EVERY_WAY = 0.3, 0.01
 
+_COMPARED = 2
 _MANY, _FEWEST = 3, 200
 """Beyond so many elements each is measured on fewer samples, the group being its own proof, but on so many at least."""
 
@@ -139,7 +140,12 @@ class _JudgedLadder:
         return added
 
     def _rung(self, level: Hypothesis) -> _Rung:
+        level = self._measured(level)
         return _Rung(level, confidence(evidence(self._context, level, self._proposals)))
+
+    def _measured(self, level: Hypothesis) -> Hypothesis:
+        """What few samples said of a small feature was chance; which level is answered with must not be."""
+        return level.measured(self._context, thoroughly=True, samples=self._samples.every(_COMPARED))
 
     def _judged(self, rung: _Rung) -> _Judged:
         if rung.judged is None:
@@ -149,7 +155,7 @@ class _JudgedLadder:
 
     def _judge(self, level: Hypothesis) -> _Judged:
         context, samples = self._context, self._samples
-        level = level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context))
+        level = self._measured(level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context)))
         members = level.elements
         if not len(members):
             members = level.generators  # an inversion has no element that could be listed

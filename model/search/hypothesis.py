@@ -7,6 +7,7 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine_frame, squared_distances
 from model.search.context import SearchContext
+from model.search.deviation import SurfaceSamples
 from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, PointGroup, contains, point_group
 from model.search.settings import SearchSettings
 from model.types import FloatArray
@@ -92,18 +93,22 @@ class Hypothesis:
         chosen = np.unique(np.linspace(0, len(elements) - 1, min(room, len(elements))).round().astype(int))
         return Operations.joined([operations, elements[chosen]]) if len(chosen) else operations
 
-    def measured(self, context: SearchContext, *, thoroughly: bool = False) -> "Hypothesis":
+    def measured(
+        self, context: SearchContext, *, thoroughly: bool = False, samples: SurfaceSamples | None = None
+    ) -> "Hypothesis":
         """The same with deviations measured where it is: of the generators, and of some elements of large groups.
 
         Args:
             context: the shape.
             thoroughly: on all samples, however many operations there are.
+            samples: others than the context's.
         """
         operations = self.measured_operations
         if not len(operations):
             return self
-        stride = 1 if thoroughly else max(1, -(-len(operations) * len(context.judging) // _MEASUREMENTS))
-        deviations = context.meter.measure(operations, context.judging.every(stride))
+        samples = context.judging if samples is None else samples
+        stride = 1 if thoroughly else max(1, -(-len(operations) * len(samples) // _MEASUREMENTS))
+        deviations = context.meter.measure(operations, samples.every(stride))
         distance = context.settings.fit_distance
         return Hypothesis(
             self.group,
