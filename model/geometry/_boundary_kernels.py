@@ -9,6 +9,7 @@ from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES, STACK
 from model.geometry._bvh_query import closest_on, nearest
 from model.geometry._bvh_within import leaf_within
+from model.geometry._operation_kernels import image_of
 from model.types import BoolArray, FloatArray, IntArray
 
 
@@ -49,10 +50,7 @@ def find_missing(
     seed = 0
     for k in range(squared.shape[0]):
         for i in range(squared.shape[1]):
-            for a in range(3):
-                image[i, a] = fixed[k, a]
-                for b in range(3):
-                    image[i, a] += linear[k, a, b] * (samples[i, b] - fixed[k, b])
+            image_of(samples[i], fixed[k], linear[k], image[i])
             squared[k, i], lanes[i] = nearest(
                 image[i, 0],
                 image[i, 1],

@@ -39,6 +39,15 @@ def images(points: FloatArray, fixed: FloatArray, linear: FloatArray, result: Fl
                 result[k, i, a] = linear[k, a, 0] * x + linear[k, a, 1] * y + linear[k, a, 2] * z + fixed[k, a]
 
 
+@jit
+def image_of(point: FloatArray, fixed: FloatArray, linear: FloatArray, image: FloatArray) -> None:
+    """``image`` ``(3,)``: ``R (p - f) + f`` of one point under one operation."""
+    for a in range(3):
+        image[a] = fixed[a]
+        for b in range(3):
+            image[a] += linear[a, b] * (point[b] - fixed[b])
+
+
 @jit_allocating
 def image_distances(
     samples: FloatArray,

@@ -8,6 +8,7 @@ import numpy as np
 from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES, STACK
 from model.geometry._bvh_query import closest_on, nearest
+from model.geometry._operation_kernels import image_of
 from model.types import FloatArray, IntArray
 
 _AT_END = 1e-6
@@ -43,10 +44,7 @@ def feature_deviations(
     image, place = np.empty(3), np.empty(3)
     seed = 0
     for i in range(len(points)):
-        for a in range(3):
-            image[a] = fixed[a]
-            for b in range(3):
-                image[a] += linear[a, b] * (points[i, b] - fixed[b])
+        image_of(points[i], fixed, linear, image)
         squared, lane = nearest(
             image[0],
             image[1],

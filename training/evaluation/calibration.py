@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from model import Detector
-from model.detector import use_one_thread
 from model.errors import PRSNetError
 from model.geometry.frames import UnitFrame
 from model.geometry.refinement import squared_distances
@@ -28,6 +26,7 @@ from model.paper.validation import MAX_ERROR
 from model.search.confidence import NAMES, evidence, predict, terms
 from model.types import BoolArray, FloatArray
 from training.evaluation.corruptions import DAMAGES, corrupt
+from training.evaluation.detectors import loaded
 from training.layouts import SourceFile, find_meshes, parse
 from training.parallel import spread
 from training.shapes.catalogue import random_shape
@@ -94,13 +93,8 @@ def collect(
     return [group for groups in results for group in groups]
 
 
-_detector: list[Detector] = []
-
-
 def _search(job: _Job) -> list[Group]:
-    if not _detector:
-        use_one_thread()
-        _detector.append(Detector.load())
+    detector = loaded()
     try:
         mesh = job.mesh()
     except (PRSNetError, OSError):
@@ -111,7 +105,7 @@ def _search(job: _Job) -> list[Group]:
         try:
             shown = corrupt(mesh.vertices, mesh.faces, damage, job.seed, job.index)
             frame = UnitFrame.of(shown.vertices, shown.faces)
-            context, proposals, found = _detector[0].search(frame.to_unit(shown.vertices), shown.faces)
+            context, proposals, found = detector.search(frame.to_unit(shown.vertices), shown.faces)
         except PRSNetError:
             continue
         # The intact shape where the damaged one is, so that what was found needs no translation.

@@ -66,12 +66,12 @@ class RawNetwork:
 
 def raw_network(weights: str) -> RawNetwork:
     """The raw output of a network."""
-    return RawNetwork(f"raw network{_suffix(weights)}", _detector(weights))
+    return RawNetwork(f"raw network{_suffix(weights)}", loaded(weights))
 
 
 def paper_mode(weights: str, max_error: float) -> Detection:
     """One answer of the network and the paper's validation (section 5)."""
-    return Detection(f"paper mode{_suffix(weights)}", _detector(weights), "paper", max_error, Sources())
+    return Detection(f"paper mode{_suffix(weights)}", loaded(weights), "paper", max_error, Sources())
 
 
 def full_mode(weights: str, max_error: float, sources: Sequence[str] = SOURCES) -> Detection:
@@ -84,7 +84,7 @@ def full_mode(weights: str, max_error: float, sources: Sequence[str] = SOURCES) 
         raise ValueError(f"sources of starts are {', '.join(SOURCES)}, not {'+'.join(sources)}")
     only = "" if set(sources) == set(SOURCES) else f", starts from {' + '.join(sources)}"
     chosen = Sources(**{name: name in sources for name in SOURCES})
-    return Detection(f"full mode{_suffix(weights)}{only}", _detector(weights), "full", max_error, chosen)
+    return Detection(f"full mode{_suffix(weights)}{only}", loaded(weights), "full", max_error, chosen)
 
 
 def ablation() -> list[tuple[str, ...]]:
@@ -97,7 +97,8 @@ def ablation() -> list[tuple[str, ...]]:
 
 
 @lru_cache
-def _detector(weights: str) -> Detector:
+def loaded(weights: str = "default") -> Detector:
+    """A detector for this process, of one thread and warmed up: loaded once."""
     use_one_thread()
     detector = Detector(_untrained() if weights == UNTRAINED else load_checkpoint(weights))
     detector.warm_up()

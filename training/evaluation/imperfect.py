@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from model import Detection, Detector, Mesh
-from model.detector import use_one_thread
+from model import Detection, Mesh
 from model.errors import PRSNetError
 from model.search.point_groups import point_group
 from training.evaluation.calibration import expected_calibration_error
+from training.evaluation.detectors import loaded
 from training.evaluation.imperfections import KINDS
 from training.evaluation.matching import Found, FoundAxis, match
 from training.oracle.truth import Truth, TruthAxis
@@ -72,14 +72,8 @@ def run(
     return [result for several in results for result in several]
 
 
-_detector: list[Detector] = []
-
-
 def _detect(job: _Job) -> list[Result]:
-    if not _detector:
-        use_one_thread()
-        _detector.append(Detector.load())
-        _detector[0].warm_up()
+    detector = loaded()
     number = families().index(job.family)
     shape = generate(job.family, np.random.default_rng([job.seed, number, job.number]))
     results: list[Result] = []
@@ -89,7 +83,7 @@ def _detect(job: _Job) -> list[Result]:
         diagonal = float(np.linalg.norm(np.ptp(shown.vertices[np.unique(shown.faces)], axis=0)))
         try:
             mesh = Mesh.checked(*KINDS[kind](shown.vertices, shown.faces, rng, diagonal))
-            detection = _detector[0].detect(mesh)
+            detection = detector.detect(mesh)
         except PRSNetError:
             continue  # some thin shapes do not survive decimation
         results.append(_result(kind, shown, detection))
