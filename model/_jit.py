@@ -112,4 +112,6 @@ def kernel_array(values: Any, dtype: Any) -> AnyArray:
 
     Kernels are compiled per memory layout: passing all arrays through here keeps that to one compilation each.
     """
+    if type(values) is np.ndarray and values.dtype == dtype and values.flags.carray:
+        return values  # what nearly all are, and hundreds a detection
     return np.require(values, dtype=dtype, requirements=("C", "W", "A"))

@@ -178,13 +178,7 @@ def refine(
             twist[:] = 0.0
             for j in range(width):
                 _accumulate(samples, image[j], gradients[j], distances[j], linear[j], scale, row, matrix, twist)
-            trace = 0.0
-            for a in range(6):
-                trace += matrix[a, a]
-            # Motions that leave the elements as they are (along a plane or an axis) have no gradient: damping keeps
-            # them out.
-            for a in range(6):
-                matrix[a, a] += damping * trace + 1e-12
+            _regularize(matrix, damping)
             _solve(matrix, twist)
             _clip(twist, 0, largest_turn)
             _clip(twist, 3, largest_shift)
@@ -195,6 +189,34 @@ def refine(
                 moved = max(moved, abs(twist[a]))
             if moved <= step_tolerance + roughly * rms:
                 break
+
+
+@jit
+def advance(
+    directions: FloatArray,
+    points: FloatArray,
+    k: int,
+    matrix: FloatArray,
+    twist: FloatArray,
+    largest_turn: float,
+    largest_shift: float,
+) -> None:
+    """Move element ``k`` by the solution of the normal equations ``matrix`` ``(6, 6)``, ``twist`` ``(6,)``."""
+    _regularize(matrix, 1e-6)
+    _solve(matrix, twist)
+    _clip(twist, 0, largest_turn)
+    _clip(twist, 3, largest_shift)
+    _move(directions, points, k, twist)
+
+
+@jit
+def _regularize(matrix: FloatArray, damping: float) -> None:
+    """Keep motions out that leave the elements as they are (along a plane or an axis): these have no gradient."""
+    trace = 0.0
+    for a in range(6):
+        trace += matrix[a, a]
+    for a in range(6):
+        matrix[a, a] += damping * trace + 1e-12
 
 
 @jit

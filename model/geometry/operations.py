@@ -37,15 +37,12 @@ class Operations:
 
         One direction ``(3,)``, one point or one angle serves all.
         """
-        directions = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
+        rows = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
         turns: FloatArray = np.asarray(angles, dtype=np.float64)
-        count: int = np.broadcast_shapes((len(directions),), turns.shape)[0]
-        return cls(
-            np.broadcast_to(directions, (count, 3)),
-            np.broadcast_to(points, (count, 3)),
-            np.broadcast_to(turns, (count,)),
-            np.zeros(count, dtype=np.bool_),
-        )
+        count = len(turns) if turns.ndim and len(rows) == 1 else len(rows)
+        lines, places, about = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+        lines[:], places[:], about[:] = rows, points, turns
+        return cls(lines, places, about, np.zeros(count, dtype=np.bool_))
 
     @classmethod
     def joined(cls, parts: "Sequence[Operations]") -> "Operations":

@@ -8,7 +8,7 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.network.proposals import Proposals
-from model.search.confidence import confidence, evidence
+from model.search.confidence import confidence
 from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
 from model.search.exactness import ExactnessTest, Verdict
@@ -141,7 +141,7 @@ class _JudgedLadder:
 
     def _rung(self, level: Hypothesis) -> _Rung:
         level = self._measured(level)
-        return _Rung(level, confidence(evidence(self._context, level, self._proposals)))
+        return _Rung(level, confidence(self._context, level, self._proposals))
 
     def _measured(self, level: Hypothesis) -> Hypothesis:
         """What few samples said of a small feature was chance; which level is answered with must not be."""
@@ -155,7 +155,8 @@ class _JudgedLadder:
 
     def _judge(self, level: Hypothesis) -> _Judged:
         context, samples = self._context, self._samples
-        level = self._measured(level.fitted(context, stride=1, steps=20).settled(context, _telling_points(context)))
+        level = level.fitted(context, stride=1, steps=20)
+        level = self._measured(level.settled(context, _telling_points(context), self._test.allowed))
         members = level.elements
         if not len(members):
             members = level.generators  # an inversion has no element that could be listed

@@ -13,7 +13,8 @@ from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray, IntArray
 
 _SCREEN_STRIDE, _SCREEN_FACTOR = 8, 4.0
-"""A rotation that is so many times too bad on every eighth sample is not looked at on all of them."""
+"""A rotation that is so many times too bad on every eighth sample, or no better there than arbitrary ones, is not looked
+at on all of them."""
 
 _ALWAYS = 7
 """Orders up to this are tried whatever arbitrary angles give."""
@@ -35,12 +36,14 @@ PRIMES = np.array([n for n in range(2, DEFAULT.largest_order + 1) if all(n % p f
 class RotationalSymmetry:
     """What rotations about an axis are symmetries.
 
-    ``order``: 1 where none is, None where the surface is round up to its facets. ``arbitrary_rms``: the largest RMS
-    deviation over a few arbitrary angles: within the threshold, the surface is round at least roughly.
+    ``order``: the one that was ``known`` where there is no higher one, None where the surface is round up to its
+    facets. ``arbitrary_rms``: the largest RMS deviation over a few arbitrary angles: within the threshold, the surface
+    is round at least roughly. ``needed``: within a smaller RMS deviation nothing more than the order holds.
     """
 
     order: int | None
     arbitrary_rms: float
+    needed: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +91,7 @@ def rotation_order(
     point: FloatArray,
     *,
     limit: float,
+    known: int = 1,
     primes: IntArray = PRIMES,
     past_facets: bool = False,
     settings: SearchSettings = DEFAULT,
@@ -103,6 +107,7 @@ def rotation_order(
         direction: of the axis.
         point: on the axis.
         limit: an order must hold within this RMS deviation.
+        known: the order that the axis has at least; multiples of it are looked for.
         primes: factors that the order may have.
         past_facets: what facets allow is taken off all deviations: of a gear with a bore the order of the gear shows.
         settings: the thresholds.
@@ -112,13 +117,16 @@ def rotation_order(
     arbitrary = roundness(meter, few, direction, point, settings)
     screen = axis.against(few, arbitrary)
     # On a few samples it shows that nothing holds; that something does is to be seen on all.
-    factors = screen.promising(primes.tolist())
+    powers = {prime: _next_power(prime, known) for prime in primes.tolist()}
+    factors, needed = screen.promising(powers.values())
     if not arbitrary.is_round and not factors:
-        return RotationalSymmetry(1, arbitrary.rms)
+        return RotationalSymmetry(known, arbitrary.rms, needed)
     arbitrary = roundness(meter, samples, direction, point, settings)
     if arbitrary.is_round:
-        return RotationalSymmetry(None, arbitrary.rms)
-    return RotationalSymmetry(_order(screen, axis.against(samples, arbitrary), factors), arbitrary.rms)
+        return RotationalSymmetry(None, arbitrary.rms, 0.0)
+    rotations = axis.against(samples, arbitrary)
+    order, needed = _order(screen, rotations, [p for p, n in powers.items() if n in factors], known, needed)
+    return RotationalSymmetry(order, arbitrary.rms, needed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,31 +167,38 @@ class _Rotations:
     reference: FloatArray
     largest: float
 
-    def promising(self, orders: Iterable[int]) -> list[int]:
-        """Those of some orders whose rotation is not far too bad."""
+    def promising(self, orders: Iterable[int]) -> tuple[list[int], float]:
+        """Those of some orders whose rotation is not far too bad, and the least RMS deviation that others may have."""
         orders = [n for n in orders if n <= max(self.largest, _ALWAYS)]
         if not orders or not self.reference.any():
-            return []
+            return [], np.inf
         angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
-        bound = _SCREEN_FACTOR * min(self.axis.limit**2, float(self.reference.mean()))
+        reference, limit = float(self.reference.mean()), self.axis.limit
         deviations = self._measured(angles)
         there = np.where(deviations.missing, 0.0, deviations.squared)
         errors = _excess(there, self.allowed, self.axis.settings.truncation).mean(1)
-        return [n for n, error in zip(orders, errors.tolist(), strict=True) if error <= bound]
+        better = errors < reference  # others are no better than arbitrary ones at any tolerance
+        good = better & (errors <= _SCREEN_FACTOR * limit**2)
+        left = errors[better & ~good] / _SCREEN_FACTOR
+        return [n for n, kept in zip(orders, good.tolist(), strict=True) if kept], float(np.sqrt(left.min(initial=np.inf)))
 
-    def holds(self, n: int) -> bool:
-        """Whether the rotations of an order are symmetries, and better than arbitrary ones."""
-        worst, settings = np.zeros(len(self.samples)), self.axis.settings
+    def needed(self, n: int) -> float:
+        """The RMS deviation within which the rotations of an order are symmetries; one above the limit if they are not.
+
+        Infinite where they are not distinctly better than arbitrary ones.
+        """
+        worst, settings, largest = np.zeros(len(self.samples)), self.axis.settings, 0.0
         for multiple in _multiples(n).tolist():  # one at a time: the first tells most of those apart that do not hold
             deviations = self._measured(np.array([2.0 * np.pi * multiple / n]))
-            if deviations.rms[0] > self.axis.limit:
-                return False
+            largest = max(largest, float(deviations.rms[0]))
+            if largest > self.axis.limit:
+                return largest
             excess = _excess(deviations.squared, self.allowed, settings.truncation)[0]
             worst = excess if excess.mean() > worst.mean() else worst
             small = float(worst.mean()) <= _CONTRAST * float(self.reference.mean())
             if not small and not explains_better(worst, self.reference, settings):
-                return False
-        return True
+                return np.inf
+        return largest
 
     def _measured(self, angles: FloatArray) -> Deviations:
         return self.axis.meter.measure(Operations.rotations(self.axis.direction, self.axis.point, angles), self.samples)
@@ -224,17 +239,40 @@ def explains_better(squared: FloatArray, others: FloatArray, settings: SearchSet
     return enough and float(difference.mean()) > settings.significance * spread
 
 
-def _order(screen: _Rotations, rotations: _Rotations, primes: list[int]) -> int:
-    """The order of an axis: the product of the prime powers that hold, of ``primes`` that may."""
+def _order(
+    screen: _Rotations, rotations: _Rotations, primes: list[int], known: int, needed: float
+) -> tuple[int, float]:
+    """The order of an axis: what is ``known`` times the prime powers that hold, of ``primes`` that may.
+
+    Returns:
+        the order, and the least RMS deviation within which another one may hold, at most ``needed``.
+    """
     if not rotations.reference.any():
-        return 1
-    order, largest = 1, rotations.axis.settings.largest_order
+        return known, needed
+    order, largest, limit = known, rotations.axis.settings.largest_order, rotations.axis.limit
     for prime in primes:
-        power = prime
-        while order * prime <= largest and (power == prime or screen.promising([power])) and rotations.holds(power):
+        first = power = _next_power(prime, known)
+        while order * prime <= largest:
+            if power > first:
+                good, least = screen.promising([power])
+                needed = min(needed, least)
+                if not good:
+                    break
+            rms = rotations.needed(power)
+            if rms > limit:
+                needed = min(needed, rms)
+                break
             order *= prime
             power *= prime
-    return order
+    return order, needed
+
+
+def _next_power(prime: int, known: int) -> int:
+    """The smallest power of a prime that does not divide an order."""
+    power = prime
+    while known % power == 0:
+        power *= prime
+    return power
 
 
 def prime_rotations(direction: FloatArray, point: FloatArray) -> Operations:

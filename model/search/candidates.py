@@ -21,46 +21,58 @@ _MUCH_BETTER = 10.0
 """An element so near to one that is so many times better has not come to rest: robust steps may stick where some faces
 fit exactly and the others count as missing."""
 
-_COARSE_STRIDE, _FINE_STRIDE = 6, 2
+_COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
-_HOPELESS, _POOR = 2.0, 1.1
-"""Candidates whose truncated error exceeds the threshold so many times after the first and second round are dropped."""
+_UNPROMISING, _POOR = 1.5, 1.1
+"""Candidates are dropped that map the voxels so badly (squared voxels), or whose truncated error exceeds the threshold so
+many times after a few steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedCandidates:
-    """Refined distinct ``operations``, sorted by error, and the starts ``dropped``.
+    """Refined distinct ``operations``, sorted by error, with RMS deviations ``rms`` ``(k,)``; and the starts ``dropped``.
 
-    ``dropped_errors`` ``(k,)``: the SDE on few samples that each had when it was dropped.
+    ``dropped_errors`` ``(d,)``: the SDE on few samples that each had when it was dropped.
     """
 
     operations: Operations
+    rms: FloatArray
     dropped: Operations
     dropped_errors: FloatArray
 
 
 def refine_and_deduplicate(context: SearchContext, starts: Operations) -> RefinedCandidates:
     """Refine ``starts`` on the exact distance and keep the good ones, each once."""
-    surface, samples, max_error = context.surface, context.samples.points, context.max_error
-    coarse = context.points(_COARSE_STRIDE)
+    surface, max_error = context.surface, context.max_error
+    few = context.samples.points[::_COARSE_STRIDE]
     dropped: list[Operations] = []
     dropped_errors: list[FloatArray] = []
-    operations, cut = starts, context.settings.truncation**2
-    for steps, scale, bound in ((3, 0.15, _HOPELESS), (3, 0.04, _POOR)):
-        operations = refine(surface, coarse, operations, steps, scale=scale, step_tolerance=1e-5)
-        squared = squared_distances(surface, samples[::_COARSE_STRIDE], operations)
-        errors = np.minimum(squared, cut).mean(1)
-        good = errors <= bound * max_error
-        dropped.append(operations[~good])
-        dropped_errors.append(squared[~good].mean(1))
-        operations, errors = operations[good], errors[good]
-        kept = distinct(operations, errors)[:_MOST_CANDIDATES]
-        operations = operations[kept]
-    if len(operations):
-        operations = refine(surface, context.points(_FINE_STRIDE), operations, 8, scale=0.02)
-        squared = np.minimum(squared_distances(surface, samples, operations), cut)
-        operations = operations[distinct(operations, squared.mean(1))]
-    return RefinedCandidates(operations, Operations.joined(dropped), np.concatenate(dropped_errors))
+    operations = context.settled_on_voxels(starts)
+    errors = context.interpolated_errors(operations)
+    # Of starts that came to rest at one place the best is enough.
+    kept = np.array(distinct(operations, errors, _BASIN_ANGLE), dtype=np.intp)
+    cut = context.settings.truncation**2
+
+    def drop(which: Operations) -> None:
+        dropped.append(which)
+        dropped_errors.append(squared_distances(surface, few, which).mean(1))
+
+    drop(operations[kept[errors[kept] > _UNPROMISING]])
+    operations = operations[kept[errors[kept] <= _UNPROMISING]]
+    operations = refine(surface, context.points(_COARSE_STRIDE), operations, 3, scale=0.04, step_tolerance=1e-5)
+    squared = squared_distances(surface, few, operations)
+    errors = np.minimum(squared, cut).mean(1)
+    good = errors <= _POOR * max_error
+    dropped.append(operations[~good])
+    dropped_errors.append(squared[~good].mean(1))
+    operations, errors = operations[good], errors[good]
+    operations = operations[distinct(operations, errors)[:_MOST_CANDIDATES]]
+    operations = refine(surface, context.points(_FINE_STRIDE), operations, 6, scale=0.02)
+    deviations = context.meter.measure(operations, context.judging)
+    kept = distinct(operations, np.minimum(deviations.squared, cut).mean(1))
+    # A candidate that leaves much unexplained comes later.
+    rms = deviations.rms + context.settings.missing_cost * deviations.missing_share
+    return RefinedCandidates(operations[kept], rms[kept], Operations.joined(dropped), np.concatenate(dropped_errors))
 
 
 def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:
@@ -68,13 +80,13 @@ def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operatio
     return squared_distances(surface, samples, operations).mean(1)
 
 
-def distinct(operations: Operations, errors: FloatArray) -> list[int]:
-    """Indices, the best first, of operations that differ from every better one of their kind."""
+def distinct(operations: Operations, errors: FloatArray, angle: float = _SAME_ANGLE) -> list[int]:
+    """Indices, the best first, of operations that differ from every better one of their kind by an angle, radians."""
     cosines, close = _compared(operations)
     kept: list[int] = []
     for index in np.argsort(errors, kind="stable").tolist():
         unsettled = errors[index] > _MUCH_BETTER * errors[kept]
-        nearest = np.cos(np.where(unsettled, _BASIN_ANGLE, _SAME_ANGLE))
+        nearest = np.cos(np.where(unsettled, _BASIN_ANGLE, angle))
         if not np.any(close[index, kept] & (cosines[index, kept] >= nearest)):
             kept.append(index)
     return kept

@@ -89,9 +89,17 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
     )
 
 
-def confidence(seen: Evidence) -> float:
-    """The probability, from 0 to 1, that a group that this speaks for is one of the intact shape."""
-    return float(predict(_coefficients(), np.array([astuple(seen)]))[0])
+def confidence(context: SearchContext, level: Hypothesis, proposals: Proposals | None) -> float:
+    """The probability, from 0 to 1, that a group is one of the intact shape.
+
+    Args:
+        context: the shape.
+        level: the group, measured where it is placed.
+        proposals: the network's output, if it was asked.
+    """
+    if level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING:
+        return 1.0  # what `predict` says, without looking for evidence
+    return float(predict(_coefficients(), np.array([astuple(evidence(context, level, proposals))]))[0])
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:

@@ -53,5 +53,19 @@ class SearchContext:
 
     def scores(self, operations: Operations) -> FloatArray:
         """The voxel scan's score of arbitrary operations, in squared voxels: ``(k,)``."""
-        images = operations.apply(self.grid.points @ self.rotation)
-        return self.grid.score(images @ self.rotation.T)
+        return self.grid.score(self._in_grid(operations))
+
+    def interpolated_errors(self, operations: Operations) -> FloatArray:
+        """Finer scores, see `DistanceGrid.interpolated_error`: ``(k,)``."""
+        return self.grid.interpolated_error(self._in_grid(operations))
+
+    def settled_on_voxels(self, operations: Operations) -> Operations:
+        """Operations moved to where they map the voxels onto themselves best nearby, see `DistanceGrid.settle`."""
+        settled = self.grid.settle(self._in_grid(operations))
+        return Operations(
+            settled.directions @ self.rotation, settled.points @ self.rotation, settled.angles, settled.improper
+        )
+
+    def _in_grid(self, operations: Operations) -> Operations:
+        directions, points = operations.directions @ self.rotation.T, operations.points @ self.rotation.T
+        return Operations(directions, points, operations.angles, operations.improper)

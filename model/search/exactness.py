@@ -26,13 +26,18 @@ _CELL = 0.05
 _MOST_PATCHES = 8
 _MOST_CHECKED, _MOST_ELEMENTS = 400, 16
 _SAME_MATRIX = 1e-9
-_MANY_VALUES = 300
-_FINEST_STEP = 0.005
+_SOME_VALUES, _MANY_VALUES = 20, 300
+_FINE_STEP, _DRAWN_STEP = 1e-4, 0.005
+"""Steps of a grid, as a part of the extent, that coordinates are drawn on by hand are larger; where there are many
+values, so much larger."""
+
 _SINGLE = 2.0**-23
 
 
 class ExactnessTest:
     """Tests symmetries of one surface, unit frame, on all of its features.
+
+    ``allowed``: distance, unit frame, that says nothing.
 
     Args:
         surface: its index.
@@ -41,7 +46,8 @@ class ExactnessTest:
     """
 
     def __init__(self, surface: SurfaceIndex, facets: Facets, resolution: float) -> None:
-        self.features = Features(surface, facets, _RELATIVE + 2.0 * resolution)
+        self.allowed = _RELATIVE + 2.0 * resolution
+        self.features = Features(surface, facets, self.allowed)
 
     def exact(self, hypothesis: Hypothesis) -> "Verdict":
         """Test a group: by its generators, and where one does not hold by its elements, too."""
@@ -145,8 +151,9 @@ def _most_telling(ends: IntArray, which: IntArray, deviations: FloatArray) -> in
 def resolution_of(vertices: FloatArray) -> float:
     """What the coordinates ``(v, 3)`` of a file may be off by, in their own unit.
 
-    Half a step of single precision if all of them are numbers of it; half the diagonal of a cell if they lie on a grid
-    that is fine beside the shape and has far more values than a drawing by hand would.
+    Half a step of single precision if all of them are numbers of it; half the diagonal of a cell if they lie on a
+    decimal or binary grid that nobody draws on by hand: one that is fine beside the shape, has many values, or is finer
+    still and has some.
     """
     largest = float(np.abs(vertices).max())
     extent = float((vertices.max(0) - vertices.min(0)).max())
@@ -154,11 +161,13 @@ def resolution_of(vertices: FloatArray) -> float:
         single = bool((vertices.astype(np.float32) == vertices).all())
     result = _SINGLE * largest if single else 2.0**-52 * largest
     values: FloatArray = np.unique(vertices[:: max(1, len(vertices) // 5000)].ravel())
-    if len(values) > _MANY_VALUES and extent > 0.0:
-        power = float(np.floor(np.log10(_FINEST_STEP * extent)))
-        for step in (10.0**power, 10.0 ** (power - 1), 10.0 ** (power - 2), 10.0 ** (power - 3)):
-            if bool((np.abs(values / step - np.rint(values / step)) < 1e-3).all()):
-                return max(result, 0.5 * 3.0**0.5 * step)
+    if len(values) <= _SOME_VALUES or extent <= 0.0:
+        return result
+    finest = (_DRAWN_STEP if len(values) > _MANY_VALUES else _FINE_STEP) * extent
+    decimal, binary = np.floor(np.log10(finest)), np.floor(np.log2(finest))
+    for step in sorted([*10.0 ** (decimal - np.arange(4)), *2.0 ** (binary - np.arange(12))], reverse=True):
+        if bool((np.abs(values / step - np.rint(values / step)) < 1e-3).all()):
+            return max(result, 0.5 * 3.0**0.5 * float(step))
     return result
 
 

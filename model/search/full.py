@@ -70,30 +70,26 @@ def find_symmetries(context: SearchContext, proposals: Proposals | None, sources
             nearly_round.append((direction, point))
     starts = _starts(context, proposals, sources, [direction for direction, _ in nearly_round])
     refined = refine_and_deduplicate(context, starts)
-    deviations = context.meter.measure(refined.operations, context.judging)
-    # A candidate that leaves much unexplained comes later.
-    rms = deviations.rms + context.settings.missing_cost * deviations.missing_share
     ladder = Ladder(context, lines)
-    ladder.climb(refined.operations, rms)
+    ladder.climb(refined.operations, refined.rms)
     ladder.extend_roughly()
     continuous: list[Hypothesis] = []
     for direction, point in [*nearly_round, *ladder.round_lines]:
         continuous = continuous_levels(context, direction, point)
         if continuous:
             break
-    return _found(with_round(context, ladder.rungs, continuous), refined, rms)
+    return _found(with_round(context, ladder.rungs, continuous), refined)
 
 
 def _found(
     levels: list[Hypothesis],
     refined: RefinedCandidates | None = None,
-    rms: FloatArray | None = None,
 ) -> Found:
     distinct = [level for k, level in enumerate(levels) if all(level.name != other.name for other in levels[k + 1 :])]
-    if refined is None or rms is None:
+    if refined is None:
         empty = Operations.reflections(np.zeros((0, 4)))
         return Found(distinct, empty, np.zeros(0), empty, np.zeros(0))
-    return Found(distinct, refined.operations, rms, refined.dropped, refined.dropped_errors)
+    return Found(distinct, refined.operations, refined.rms, refined.dropped, refined.dropped_errors)
 
 
 def _lines(context: SearchContext, proposals: Proposals | None, sources: Sources) -> FloatArray:

@@ -1,6 +1,7 @@
 """A point group placed in a shape: one hypothesis about all of its symmetries at once."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,11 +15,15 @@ from model.types import FloatArray
 
 _MOST_MEASURED = 10
 _MOST_FITTED = 6
+_SAME_MATRIX = 1e-9
 _MEASUREMENTS = 1000
 """Distances a hypothesis costs: of more operations each is measured on fewer samples."""
 
-_CLOSE_SCALE, _EXACT_SCALE = 0.02, 1e-7
-_EXACT_DISTANCE, _AS_GOOD = 1e-6, 1.5
+_CLOSE_SCALE, _AS_GOOD = 0.02, 1.5
+_SETTLING_STRIDE = 3
+_SETTLED = 1e-6
+"""Part of what the coordinates promise: a frame that moves less is settled."""
+
 _SETTLING = 1e-3
 """Where half of the points deviate by more, no place nearby takes most of them onto the surface exactly."""
 
@@ -87,14 +92,15 @@ class Hypothesis:
     @property
     def measured_operations(self) -> Operations:
         """The generators, and some elements of larger groups."""
-        operations = Operations.joined([self.generators, self._halfway])
-        elements = self.elements
-        room = _MOST_MEASURED - len(operations)
-        chosen = np.unique(np.linspace(0, len(elements) - 1, min(room, len(elements))).round().astype(int))
-        return Operations.joined([operations, elements[chosen]]) if len(chosen) else operations
+        return self._placed(_chosen(self.group, _MOST_MEASURED, halfway=True))
 
     def measured(
-        self, context: SearchContext, *, thoroughly: bool = False, samples: SurfaceSamples | None = None
+        self,
+        context: SearchContext,
+        *,
+        thoroughly: bool = False,
+        samples: SurfaceSamples | None = None,
+        stride: int = 1,
     ) -> "Hypothesis":
         """The same with deviations measured where it is: of the generators, and of some elements of large groups.
 
@@ -102,12 +108,14 @@ class Hypothesis:
             context: the shape.
             thoroughly: on all samples, however many operations there are.
             samples: others than the context's.
+            stride: of the samples every so many-th at most.
         """
         operations = self.measured_operations
         if not len(operations):
             return self
         samples = context.judging if samples is None else samples
-        stride = 1 if thoroughly else max(1, -(-len(operations) * len(samples) // _MEASUREMENTS))
+        if not thoroughly:
+            stride = max(stride, -(-len(operations) * len(samples) // _MEASUREMENTS))
         deviations = context.meter.measure(operations, samples.every(stride))
         distance = context.settings.fit_distance
         return Hypothesis(
@@ -127,14 +135,9 @@ class Hypothesis:
     @property
     def _fit_operations(self) -> Operations:
         """The generators, and some elements if these are few: what the frame is fitted to."""
-        operations = self.generators
-        if len(operations) < _MOST_FITTED and self.name not in CONTINUOUS:
-            elements = self.elements
-            room = min(_MOST_FITTED - len(operations), len(elements))
-            if room:
-                chosen = np.unique(np.linspace(0, len(elements) - 1, room).round().astype(int))
-                operations = Operations.joined([operations, elements[chosen]])
-        return operations
+        if self.name in CONTINUOUS:
+            return self.generators
+        return self._placed(_chosen(self.group, _MOST_FITTED, halfway=False))
 
     def fitted(self, context: SearchContext, *, stride: int = 3, steps: int = 8) -> "Hypothesis":
         """The same after its frame was fitted to the surface, and measured there.
@@ -163,51 +166,44 @@ class Hypothesis:
         )
         return Hypothesis(self.group, frame, centre, missing=self.missing).measured(context)
 
-    def settled(self, context: SearchContext, points: FloatArray) -> "Hypothesis":
+    def settled(self, context: SearchContext, points: FloatArray, allowed: float) -> "Hypothesis":
         """The same where most of some points ``(n, 3)`` fit exactly, if there is such a place nearby.
 
         Features without a counterpart pull a little even where they hardly count. Where most images lie on the surface
-        to rounding, the rest has no say at all.
+        to what the coordinates promise, ``allowed``, the rest has no say at all.
         """
         operations = self.generators
         if not len(operations):
             return self
         squared = self._squared_distances(context, points)
-        share = _exact_share(squared)
+        share = _share_within(squared, allowed)
         # Where all fits already or hardly anything does, there is nothing to settle.
         if share == 1.0 or np.median(squared) > _SETTLING**2:
             return self
         frame, centre = refine_frame(
             context.surface,
-            points,
+            points[::_SETTLING_STRIDE],
             operations,
             self.frame,
             self.centre,
-            40,
+            24,
             scale=_CLOSE_SCALE / 4.0,
-            final_scale=_EXACT_SCALE,
+            final_scale=0.1 * allowed,
             quantile=None,
             trust_rms=False,
-            step_tolerance=1e-14,
+            step_tolerance=_SETTLED * allowed,
         )
         settled = Hypothesis(self.group, frame, centre, missing=self.missing).measured(context)
-        better = _exact_share(settled._squared_distances(context, points)) > share
-        return settled if better and settled.rms <= _AS_GOOD * self.rms + _EXACT_DISTANCE else self
+        better = _share_within(settled._squared_distances(context, points), allowed) > share
+        return settled if better and settled.rms <= _AS_GOOD * self.rms + allowed else self
 
     def _squared_distances(self, context: SearchContext, points: FloatArray) -> FloatArray:
         """Of the images of points ``(n, 3)`` under the operations measured: ``(k, n)``."""
         return squared_distances(context.surface, points, self.measured_operations)
 
-    @property
-    def _halfway(self) -> Operations:
-        """The rotation half way round the principal axis, which a nearby wrong order (23 for 24) fails."""
-        order = self.group.principal_order
-        count = int(order > 2 and self.name[0] not in "TOI")
-        angles = np.full(count, 2.0 * np.pi * (order // 2) / max(order, 1))
-        return Operations.rotations(self.axis, self.centre, angles)
-
     def _placed(self, operations: Operations) -> Operations:
-        points = np.broadcast_to(self.centre, (len(operations), 3))
+        points = np.empty((len(operations), 3))
+        points[:] = self.centre
         return Operations(operations.directions @ self.frame, points, operations.angles, operations.improper)
 
 
@@ -216,11 +212,35 @@ def trivial() -> Hypothesis:
     return Hypothesis(point_group("C1"), np.eye(3), np.zeros(3))
 
 
-def _exact_share(squared: FloatArray) -> float:
-    """The share of squared distances that are as small as a file can say."""
-    return float((squared < _EXACT_DISTANCE**2).mean())
+def _share_within(squared: FloatArray, distance: float) -> float:
+    """The share of squared distances that are within a distance."""
+    return float((squared < distance * distance).mean())
 
 
+@lru_cache(maxsize=512)
+def _chosen(group: PointGroup, most: int, *, halfway: bool) -> Operations:
+    """The generators of a group, each other element once while there are few, evenly picked ones of many.
+
+    Args:
+        group: in its own frame.
+        most: operations altogether, unless there are more generators.
+        halfway: with the rotation half way round the principal axis, which a nearby wrong order (23 for 24) fails.
+    """
+    parts, order = [group.generators], group.principal_order
+    if halfway and order > 2 and group.name[0] not in "TOI":
+        angle = np.array([2.0 * np.pi * (order // 2) / order])
+        parts.append(Operations.rotations(np.eye(3)[2], np.zeros(3), angle))
+    operations, elements = Operations.joined(parts), _elements(group)
+    same = np.abs(elements.matrices[:, None] - operations.matrices[None]).max((2, 3), initial=0.0) < _SAME_MATRIX
+    others = elements[~same.any(1)]
+    room = min(most - len(operations), len(others))
+    if room <= 0:
+        return operations
+    chosen = np.unique(np.linspace(0, len(others) - 1, room).round().astype(int))
+    return Operations.joined([operations, others[chosen]])
+
+
+@lru_cache(maxsize=512)
 def _elements(group: PointGroup) -> Operations:
     planes, axes = len(group.normals), len(group.directions)
     turns = np.array(

@@ -28,6 +28,14 @@ _EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
 _ROUGH_ORDER = 12
 _LARGEST_CLOSED = 260
 _HOPELESS, _NEARLY = 4.0, 2.0
+_GLANCE_STRIDE = 3
+_IMPLAUSIBLE_CLOSED, _IMPLAUSIBLE = 2.0, 4.0
+"""Scores of voxels, see `SearchContext.scores`, above which a hypothesis is not measured, of closed and open surfaces:
+those that held in the end had half as much at most where little was missing, and less where a third or more was."""
+
+_NEARER, _LATER = 0.7, 3.0
+"""What needs more tolerance is tried again at this part of it, a better place being found by then, or at so many times
+the tolerance of now."""
 
 
 class Ladder:
@@ -108,22 +116,35 @@ class Ladder:
             return False
         return self._try(Hypothesis(point_group(name), frame, centre), tolerance)
 
-    def _try(self, hypothesis: Hypothesis, tolerance: float) -> bool:
-        """Fit a hypothesis and take it if it holds; True if it does."""
-        measured = hypothesis.measured(self._context)
-        if measured.rms > _HOPELESS * self._context.limit:
-            return False
-        fitted = measured.fitted(self._context)
+    def _try(self, hypothesis: Hypothesis, tolerance: float, key: tuple[object, ...] | None = None) -> bool:
+        """Fit a hypothesis and take it if it holds; True if it does. What it would need is remembered by its ``key``."""
+        fitted, needed = self._fitted(hypothesis, tolerance)
+        if needed <= tolerance:
+            self._group = fitted
+        elif key is not None:
+            self._needs(key, needed, tolerance)
+        return needed <= tolerance
+
+    def _fitted(self, hypothesis: Hypothesis, tolerance: float) -> tuple[Hypothesis, float]:
+        """A hypothesis where it fits best, and the tolerance it needs to be taken: infinite if it is not believed."""
+        context = self._context
+        implausible = _IMPLAUSIBLE_CLOSED if context.meter.closed else _IMPLAUSIBLE
+        if context.scores(hypothesis.generators).max() > implausible:
+            return hypothesis, np.inf
+        if not context.meter.closed:  # what is missing decides how it is fitted
+            hypothesis = hypothesis.measured(context, stride=_GLANCE_STRIDE)
+            if hypothesis.rms > _HOPELESS * context.limit:
+                return hypothesis, np.inf
+        fitted = hypothesis.fitted(context)
         if tolerance < fitted.rms <= _NEARLY * tolerance:
-            fitted = fitted.measured(self._context, thoroughly=True)  # of few samples one may decide by chance
-        if not fitted.is_believed(self._context.settings) or fitted.rms > tolerance:
-            return False
+            fitted = fitted.measured(context, thoroughly=True)  # of few samples one may decide by chance
         # The first rough symmetry has no other to bear it out: it must not be one of many that do as well.
-        rough = self._group.name == "C1" and fitted.rms > self._context.settings.feature_precision
-        if rough and not self._is_distinct(fitted):
-            return False
-        self._group = fitted
-        return True
+        rough = self._group.name == "C1" and fitted.rms > context.settings.feature_precision
+        if not fitted.is_believed(context.settings) or (
+            fitted.rms <= tolerance and rough and not self._is_distinct(fitted)
+        ):
+            return fitted, np.inf
+        return fitted, fitted.rms
 
     def _is_distinct(self, hypothesis: Hypothesis) -> bool:
         """Whether the group fits distinctly better than the same one tilted, either way: else the shape is a lump."""
@@ -141,6 +162,10 @@ class Ladder:
         self._failed[key] = tolerance
         return False
 
+    def _needs(self, key: tuple[object, ...], rms: float, tolerance: float) -> None:
+        """Do not try again what deviated by ``rms`` where it was tried, until the tolerance comes near to that."""
+        self._failed[key] = max(self._failed[key], min(_NEARER * rms, _LATER * tolerance))
+
     def _extend(self, tolerance: float) -> None:
         """Try what the group suggests, until nothing more holds."""
         while self._grows(tolerance):
@@ -148,7 +173,9 @@ class Ladder:
 
     def _grows(self, tolerance: float) -> bool:
         """Try what the group suggests; True if something held."""
-        return self._raise_order(tolerance) or any(self._try(h, tolerance) for h in self._suggested(tolerance))
+        return self._raise_order(tolerance) or any(
+            self._try(hypothesis, tolerance, key) for hypothesis, key in self._suggested(tolerance)
+        )
 
     def _raise_order(self, tolerance: float, *, nearly_round: bool = False) -> bool:
         """Look for a higher order about each axis known or suspected; True if there was one."""
@@ -180,7 +207,7 @@ class Ladder:
         key = ("order", order, past_facets, *np.round(np.abs(line), 2).tolist())
         if self._was_tried(key, tolerance):
             return False
-        turns = 2.0 * np.pi / np.array([n for n in _SCREEN_ORDERS if n != order])
+        turns = 2.0 * np.pi / np.array([n for n in _SCREEN_ORDERS if order % n])
         starts = Operations.rotations(line, group.centre, turns)
         scores = context.scores(starts)
         best = int(np.argmin(scores))
@@ -190,6 +217,8 @@ class Ladder:
         if scores[best] > promising:
             return False
         primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= context.settings.promising_axis]
+        if order == 1 and primes.max(initial=2) == 2:
+            return False  # half turns are candidates already
         direction, point = line, group.centre
         samples = context.samples.every(3) if precise else context.judging
         tried = {order, 1}
@@ -197,6 +226,7 @@ class Ladder:
         # was fitted to: there its order may only show roughly.
         rough = max(tolerance, context.settings.feature_precision)
         limits = [rough, rough, tolerance] if order == 1 else [tolerance]
+        needed = np.inf
         for attempt, limit in enumerate(limits):
             if attempt == 1:
                 axis = refine(context.surface, context.points(3), starts[[best]], 8, scale=0.05)
@@ -207,17 +237,17 @@ class Ladder:
                 direction,
                 point,
                 limit=limit,
+                known=order,
                 primes=primes,
                 past_facets=past_facets,
                 settings=context.settings,
             )
             if found.arbitrary_rms <= context.limit:
                 self.round_lines.append((direction, point))
+            needed = min(needed, found.needed)
             if found.order == 1 and attempt:
-                if attempt == 1 and tried == {1}:
-                    self._failed[key] = limit  # nothing shows at any of these tolerances
                 break
-            if found.order is None or found.order % order or found.order in tried:
+            if found.order is None or found.order in tried:
                 continue
             tried.add(found.order)
             angle = 2.0 * np.pi / found.order
@@ -230,6 +260,8 @@ class Ladder:
                 context.surface, context.points(3), Operations.rotations(direction, point, angle), 8, scale=0.02
             )
             direction, point = axis.directions[0], axis.points[0]
+        if len(tried) == len({order, 1}):
+            self._needs(key, needed, limits[0])
         return False
 
     def _with_axis(self, direction: FloatArray, point: FloatArray, order: int) -> Hypothesis | None:
@@ -268,8 +300,8 @@ class Ladder:
         )
         return Hypothesis(point_group(name), frame_of(direction, side), centre)
 
-    def _suggested(self, tolerance: float) -> Iterator[Hypothesis]:
-        """Larger groups that the one so far may be a part of, the likeliest first."""
+    def _suggested(self, tolerance: float) -> Iterator[tuple[Hypothesis, tuple[object, ...] | None]]:
+        """Larger groups that the one so far may be a part of, the likeliest first, each with the key it is remembered by."""
         group = self._group
         name, order = group.name, group.group.principal_order
         for larger, frame in supergroups(name, order, group.frame):
@@ -281,11 +313,11 @@ class Ladder:
                 context = self._context
                 inversion = Operations(np.eye(3)[:1], centre[None], np.array([np.pi]), np.ones(1, dtype=np.bool_))
                 centre = refine(context.surface, context.points(3), inversion, 12).points[0]
-            yield Hypothesis(point_group(larger), frame, centre)
+            yield Hypothesis(point_group(larger), frame, centre), key
         if order > 1 and name[0] in "CS" and not name.endswith("v"):
             yield from self._azimuths(tolerance)
 
-    def _azimuths(self, tolerance: float) -> Iterator[Hypothesis]:
+    def _azimuths(self, tolerance: float) -> Iterator[tuple[Hypothesis, tuple[object, ...] | None]]:
         """Planes through the principal axis, and half turns across it: where they are is not known.
 
         Both repeat with the period pi / n about an axis of order n: of many azimuths within one the best are tried.
@@ -316,7 +348,7 @@ class Ladder:
                     side = np.cross(side, group.axis) if symbol == "v" else side
                 else:
                     name = f"D{order}d" if group.name[0] == "S" else f"D{order}"
-                yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre)
+                yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre), None
 
 
 def distinct_lines(directions: FloatArray) -> FloatArray:
