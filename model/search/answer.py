@@ -22,7 +22,7 @@ from model.types import FloatArray
 _ENOUGH_FLAT, _EVERY_WAY = 0.3, 0.01
 
 _COMPARED = 2
-_MANY, _FEWEST = 3, 200
+_MANY, _FEWEST = 2, 200
 """Beyond so many elements each is measured on fewer samples, the group being its own proof, but on so many at least."""
 
 
@@ -81,10 +81,14 @@ def answer(
 
 @dataclass(slots=True, eq=False)
 class _Rung:
-    """A level, the probability that it is one of the intact shape, and how it was ``judged``, if it was."""
+    """A level, and the probability that it is one of the intact shape.
+
+    ``settled``: its frame is final. ``judged``: what judging it found, if it was judged.
+    """
 
     level: Hypothesis
     confidence: float
+    settled: bool = False
     judged: _Judged | None = None
 
 
@@ -100,7 +104,8 @@ class _JudgedLadder:
         proposals: Proposals | None,
     ) -> None:
         self._context, self._samples, self._test, self._proposals = context, samples, test, proposals
-        self.rungs = [self._rung(level) for level in levels]
+        # One alone is certain to be judged; of several, one is chosen before.
+        self.rungs = [self._rung(level, settled=len(levels) == 1) for level in levels]
 
     def chosen(self, choice: LevelChoice) -> _Rung | None:
         """The level to answer with, judged; None if there is none."""
@@ -139,9 +144,14 @@ class _JudgedLadder:
         self.rungs.insert(index, added)
         return added
 
-    def _rung(self, level: Hypothesis) -> _Rung:
-        level = self._measured(level)
-        return _Rung(level, confidence(self._context, level, self._proposals))
+    def _rung(self, level: Hypothesis, *, settled: bool = False) -> _Rung:
+        level = self._settled(level) if settled else self._measured(level)
+        return _Rung(level, confidence(self._context, level, self._proposals), settled)
+
+    def _settled(self, level: Hypothesis) -> Hypothesis:
+        context = self._context
+        fitted = level.fitted(context, stride=1, steps=20)
+        return self._measured(fitted.settled(context, _telling_points(context), self._test.allowed))
 
     def _measured(self, level: Hypothesis) -> Hypothesis:
         """What few samples said of a small feature was chance; which level is answered with must not be."""
@@ -149,14 +159,12 @@ class _JudgedLadder:
 
     def _judged(self, rung: _Rung) -> _Judged:
         if rung.judged is None:
-            rung.judged = self._judge(rung.level)
-            rung.level = rung.judged.level
+            rung.level = rung.level if rung.settled else self._settled(rung.level)
+            rung.settled, rung.judged = True, self._judge(rung.level)
         return rung.judged
 
     def _judge(self, level: Hypothesis) -> _Judged:
         context, samples = self._context, self._samples
-        level = level.fitted(context, stride=1, steps=20)
-        level = self._measured(level.settled(context, _telling_points(context), self._test.allowed))
         members = level.elements
         if not len(members):
             members = level.generators  # an inversion has no element that could be listed

@@ -12,9 +12,9 @@ from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray, IntArray
 
-_SCREEN_STRIDE, _SCREEN_FACTOR = 8, 4.0
-"""A rotation that is so many times too bad on every eighth sample, or no better there than arbitrary ones, is not looked
-at on all of them."""
+_SCREEN_STRIDE, _SCREEN_FACTOR, _SCREEN_SIGNIFICANCE = 8, 4.0, 1.0
+"""A rotation that is so many times too bad on every eighth sample, or hardly better there than arbitrary ones (by less
+than so many standard errors), is not looked at on all of them."""
 
 _ALWAYS = 7
 """Orders up to this are tried whatever arbitrary angles give."""
@@ -173,11 +173,13 @@ class _Rotations:
         if not orders or not self.reference.any():
             return [], np.inf
         angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
-        reference, limit = float(self.reference.mean()), self.axis.limit
+        limit = self.axis.limit
         deviations = self._measured(angles)
         there = np.where(deviations.missing, 0.0, deviations.squared)
-        errors = _excess(there, self.allowed, self.axis.settings.truncation).mean(1)
-        better = errors < reference  # others are no better than arbitrary ones at any tolerance
+        excess = _excess(there, self.allowed, self.axis.settings.truncation)
+        errors, difference = excess.mean(1), self.reference - excess
+        # Others are no better than arbitrary ones at any tolerance.
+        better = difference.mean(1) > _SCREEN_SIGNIFICANCE * difference.std(1) / np.sqrt(excess.shape[1])
         good = better & (errors <= _SCREEN_FACTOR * limit**2)
         left = errors[better & ~good] / _SCREEN_FACTOR
         return [n for n, kept in zip(orders, good.tolist(), strict=True) if kept], float(np.sqrt(left.min(initial=np.inf)))

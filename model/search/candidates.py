@@ -23,7 +23,7 @@ fit exactly and the others count as missing."""
 
 _COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
-_UNPROMISING, _POOR = 1.5, 1.1
+_UNPROMISING, _POOR = 2.5, 1.5
 """Candidates are dropped that map the voxels so badly (squared voxels), or whose truncated error exceeds the threshold so
 many times after a few steps."""
 
@@ -59,7 +59,7 @@ def refine_and_deduplicate(context: SearchContext, starts: Operations) -> Refine
 
     drop(operations[kept[errors[kept] > _UNPROMISING]])
     operations = operations[kept[errors[kept] <= _UNPROMISING]]
-    operations = refine(surface, context.points(_COARSE_STRIDE), operations, 3, scale=0.04, step_tolerance=1e-5)
+    operations = refine(surface, context.points(_COARSE_STRIDE), operations, 3, scale=0.12, step_tolerance=1e-5)
     squared = squared_distances(surface, few, operations)
     errors = np.minimum(squared, cut).mean(1)
     good = errors <= _POOR * max_error

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from model._jit import kernel_array
+from model.search._closure_kernels import close
 from model.types import BoolArray, FloatArray
 
 SAME = float(np.deg2rad(1.2))
@@ -33,17 +35,11 @@ def closure(generators: FloatArray, largest: int = LARGEST, same: float = SAME) 
     None if they never close, or only with an axis of an order above ``largest``. Matrices within ``same`` radians are
     one.
     """
-    group = np.eye(3)[None]
-    fresh = group
-    while len(fresh):
-        products = np.einsum("aij,bjk->abik", generators, fresh).reshape(-1, 3, 3)
-        products = products[~_known(products, group, same)]
-        # Of equal ones the first: none of those before it is the same.
-        equal = _same(products, products, same)
-        fresh = _orthogonal(products[~np.tril(equal, -1).any(1)])
-        group = np.concatenate([group, fresh])
-        if len(group) > max(4 * largest, _LARGEST_CUBIC):  # Dnh has 4 n members
-            return None
+    room = np.empty((max(4 * largest, _LARGEST_CUBIC), 3, 3))  # Dnh has 4 n members
+    count = close(kernel_array(generators, np.float64), 1.0 + 2.0 * np.cos(same), room)
+    if count < 0:
+        return None
+    group = room[:count]
     smallest = np.trace(group[1:][np.linalg.det(group[1:]) > 0], axis1=1, axis2=2).max(initial=-1.0)
     return group if smallest < 1.0 + 2.0 * np.cos(2.0 * np.pi / (largest + 0.5)) else None
 
@@ -67,16 +63,16 @@ def elements(group: FloatArray, tolerance: float = SAME) -> Elements:
     return Elements(_axes_of(-members[reflections]), lines[first], tuple(turns.tolist()))
 
 
-def name(group: FloatArray, same: float = SAME) -> str:
-    """The Schoenflies symbol in ASCII of a finite point group ``(g, 3, 3)``, one of those in the design."""
-    planes, _, orders = elements(group, same)
+def name(group: FloatArray, found: Elements, same: float = SAME) -> str:
+    """The Schoenflies symbol in ASCII of a finite point group ``(g, 3, 3)`` and its elements, one of the design's."""
+    planes, _, orders = found
     inverted = bool(_known(-np.eye(3)[None], group, same)[0])
     if sum(order > 2 for order in orders) > 1:
         return _cubic(orders, len(planes) > 0, inverted)
     if not orders:
         return "Cs" if len(planes) else "Ci" if inverted else "C1"
     improper = group[np.linalg.det(group) < 0]
-    main, n = principal(group, same), max(orders)
+    main, n = principal(group, found), max(orders)
     across = bool(len(planes)) and bool((np.abs(planes @ main) > _PARALLEL).any())
     along = bool(len(planes)) and bool((np.abs(planes @ main) < 1.0 - _PARALLEL).any())
     if len(orders) > 1:
@@ -88,12 +84,12 @@ def name(group: FloatArray, same: float = SAME) -> str:
     return f"S{2 * n}" if len(improper) else f"C{n}"
 
 
-def principal(group: FloatArray, same: float = SAME) -> FloatArray:
-    """The direction ``(3,)`` of the principal axis of an axial group.
+def principal(group: FloatArray, found: Elements) -> FloatArray:
+    """The direction ``(3,)`` of the principal axis of an axial group ``(g, 3, 3)`` with its elements.
 
     Of three two-fold axes it is the one of the rotoreflection (D2d), of equal ones the first.
     """
-    _, directions, orders = elements(group, same)
+    _, directions, orders = found
     if max(orders) == 2 and len(orders) == 3:
         improper = group[np.linalg.det(group) < 0]
         quarter = improper[np.abs(np.trace(improper, axis1=1, axis2=2) + 1.0) < 0.1]
@@ -121,12 +117,6 @@ def _same(matrices: FloatArray, others: FloatArray, same: float) -> BoolArray:
     # tr(A^T B) is 1 + 2 cos of the angle between two proper operations, or two improper ones; less between the kinds.
     traces = matrices.reshape(-1, 9) @ others.reshape(-1, 9).T
     return np.greater(traces, 1.0 + 2.0 * np.cos(same))
-
-
-def _orthogonal(matrices: FloatArray) -> FloatArray:
-    """The nearest orthogonal matrices: products drift."""
-    left, _, right = np.linalg.svd(matrices)
-    return left @ right
 
 
 def _axes_of(matrices: FloatArray) -> FloatArray:

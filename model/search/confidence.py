@@ -19,7 +19,7 @@ from model.search.hypothesis import Hypothesis
 from model.search.tilting import tilted
 from model.types import FloatArray
 
-_MOST_OPERATIONS, _STRIDE = 3, 2
+_MOST_OPERATIONS, _STRIDE, _BESIDE_STRIDE = 3, 2, 4
 _SMALLEST = 1e-5
 _FARTHEST = float(np.deg2rad(45.0))
 _SHARPEST, _LARGEST = 3.0, 6.0
@@ -69,10 +69,11 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
     found = context.meter.measure(operations, samples)
     there = found.squared[~found.missing]
     cut = max(settings.truncation, 1.5 * limit) ** 2
+    few = context.judging.every(_BESIDE_STRIDE)
     own = np.minimum(found.squared, cut).mean(1)
     beside = np.empty(len(operations))
     for k in range(len(operations)):
-        squared = context.meter.measure(tilted(operations[[k]], settings.tilt), samples).squared
+        squared = context.meter.measure(tilted(operations[[k]], settings.tilt), few).squared
         beside[k] = np.median(np.minimum(squared, cut).mean(1))
     sharpness = np.log10(np.maximum(beside, _SMALLEST**2) / np.maximum(own, _SMALLEST**2)).min()
     return Evidence(

@@ -13,6 +13,7 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.geometry.surface import SurfaceIndex
 from model.geometry.topology import duplicate_vertex_map
+from model.search._closure_kernels import connected
 from model.search.facets import Facets
 from model.search.features import Features, Look
 from model.search.hypothesis import Hypothesis
@@ -20,11 +21,11 @@ from model.symmetries import Patch
 from model.types import BoolArray, FloatArray, IntArray
 
 _RELATIVE = 1e-6
-_CELL = 0.05
+_CELL, _MOST_CELLS = 0.05, 100
 """Points that deviate nearer to each other than this, unit frame, are one patch."""
 
 _MOST_PATCHES = 8
-_MOST_CHECKED, _MOST_ELEMENTS = 400, 16
+_MOST_CHECKED, _MOST_ELEMENTS, _ALL_LOOKED_AT = 400, 16, 3
 _SAME_MATRIX = 1e-9
 _SOME_VALUES, _MANY_VALUES = 20, 300
 _FINE_STEP, _DRAWN_STEP = 1e-4, 0.005
@@ -55,9 +56,11 @@ class ExactnessTest:
         largest, looks = 0.0, list[Look]()
         others = hypothesis.elements[:_MOST_ELEMENTS]
         repeated = np.abs(others.matrices[:, None] - generators.matrices[None]).max((2, 3)) < _SAME_MATRIX
-        for operations in (generators, others[~repeated.any(1)]):
+        others = others[~repeated.any(1)]
+        # What an element lacks, one of the generators lacks too: of many elements, part of the faces will tell.
+        for operations, stride in ((generators, 1), (others, max(1, len(others) // _ALL_LOOKED_AT))):
             for k in range(len(operations)):
-                look = self.features.look(operations[[k]])
+                look = self.features.look(operations[[k]], stride)
                 largest = max(largest, float(np.where(look.bad, 0.0, look.deviations).max()))
                 looks += [look] if look.bad.any() else []
             if not looks:
@@ -173,19 +176,8 @@ def resolution_of(vertices: FloatArray) -> float:
 
 def _clusters(points: FloatArray) -> IntArray:
     """Labels ``(n,)`` of points ``(n, 3)``: those in the same or adjacent cells of a grid have the same."""
-    cells, inverse = np.unique(np.floor(points / _CELL).astype(np.int64), axis=0, return_inverse=True)
-    index = {tuple(cell): k for k, cell in enumerate(cells.tolist())}
-    labels = np.full(len(cells), -1, dtype=np.int32)
-    shifts = [(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)]
-    for start in range(len(cells)):
-        if labels[start] >= 0:
-            continue
-        labels[start], stack = start, [start]
-        while stack:
-            x, y, z = cells[stack.pop()].tolist()
-            for i, j, k in shifts:
-                other = index.get((x + i, y + j, z + k))
-                if other is not None and labels[other] < 0:
-                    labels[other] = start
-                    stack.append(other)
-    return np.asarray(labels[inverse.reshape(-1)], dtype=np.int32)
+    cells = np.floor(points / _CELL).astype(np.int64)
+    cells = np.minimum(cells - cells.min(0), _MOST_CELLS) + 1
+    labels = np.empty(len(points), dtype=np.int32)
+    connected(cells, np.empty(cells.max(0) + 2, dtype=np.int32), labels)
+    return labels

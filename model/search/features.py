@@ -13,7 +13,7 @@ from model.search._feature_kernels import feature_deviations
 from model.search.facets import Facets
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
-_MOST_FACES = 6_000
+_MOST_FACES, _ENOUGH_FACES = 6_000, 800
 _SLACK = 1.25
 """Where facets are the only disagreement, the fit that balances them adds to it."""
 
@@ -63,22 +63,31 @@ class Features:
         centroids = surface.to_tree(facets.vertices[facets.faces[::stride]].mean(1))
         self._chosen = np.arange(0, len(facets.faces), stride, dtype=np.int32)[morton_order(centroids)]
 
-    def look(self, operation: Operations) -> Look:
+    def look(self, operation: Operations, stride: int = 1) -> Look:
         """What one operation (a batch of one) does to the features; to part of them where that says enough.
 
-        A face whose corners go to the corners of a face is there as a whole; only of others the edges and middles
-        are looked at.
+        A face whose corners go to the corners of a face is there as a whole, and so is an edge; only of others the
+        middles are looked at.
+
+        Args:
+            operation: the one.
+            stride: of the faces every so many-th.
         """
-        few = self._chosen[::_FIRST_LOOK]
+        few = self._chosen[:: max(stride, _FIRST_LOOK)]
         first = self._at_vertices(self._corners_of(few), operation) + self._at_faces(few, operation)
         if first.bad.mean() > _BROKEN_ALL_OVER:
             return first
-        corners = self._corners_of(self._chosen)
+        if first.bad.any():  # it is not exact, and where it breaks shows on part of the faces
+            stride = max(stride, len(self._chosen) // _ENOUGH_FACES)
+        chosen = self._chosen[::stride]
+        corners = self._corners_of(chosen)
         whole = self._at_vertices(corners, operation)
         image = np.full(len(self._vertices), -1, dtype=np.int32)
         image[corners] = whole.images
-        left = self._chosen[~self._is_face(image[self._first[self._facets.faces[self._chosen]]])]
-        return whole + self._at_edges(left, operation) + self._at_faces(left, operation)
+        left = chosen[~_are_known(image[self._first[self._facets.faces[chosen]]], self._known_faces, self._base)]
+        if not len(left):
+            return whole
+        return whole + self._at_edges(left, image, operation) + self._at_faces(left, operation)
 
     def measure(self, points: FloatArray, sagittas: FloatArray, operation: Operations) -> Look:
         """What an operation does to some points ``(m, 3)`` of the surface with sagittas ``(m,)``."""
@@ -129,28 +138,44 @@ class Features:
         middles = self._vertices[self._facets.faces[faces]].mean(1)
         return self.measure(middles, self._facets.sagittas[0][faces], operation)
 
-    def _at_edges(self, faces: IntArray, operation: Operations) -> Look:
-        corners = self._first[self._facets.faces[faces]]
-        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        _, once = np.unique(_keys(np.sort(ends, axis=1), len(self._vertices)), return_index=True)
+    def _at_edges(self, faces: IntArray, image: IntArray, operation: Operations) -> Look:
+        """At the middles of edges that do not go to an edge, by the ``image`` of each vertex ``(v,)``."""
+        ends = _edges(self._first[self._facets.faces[faces]])
+        ends = ends[~_are_known(image[ends], self._known_edges, self._base)]
+        _, once = np.unique(_keys(np.sort(ends, axis=1), self._base), return_index=True)
         ends = ends[np.sort(once)]
         return self.measure(self._vertices[ends].mean(1), self._facets.sagittas[1][ends].min(1), operation)
 
-    def _is_face(self, corners: IntArray) -> BoolArray:
-        """Which triples of vertices ``(m, 3)``, -1 for none, are the corners of a face: ``(m,)``."""
-        known = self._known_faces
-        if not len(known):
-            return np.zeros(len(corners), dtype=np.bool_)
-        keys = _keys(np.sort(corners, axis=1), len(self._vertices))
-        place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-        return np.asarray((known[place] == keys) & (corners >= 0).all(1))
+    @property
+    def _base(self) -> int:
+        """What numbers of vertices are below, for `_keys`."""
+        return len(self._vertices)
 
     @cached_property
     def _known_faces(self) -> AnyArray:
         """A number for each face, sorted; none of a mesh with so many vertices that numbers would overflow."""
-        if len(self._vertices) > 2**21:
+        if self._base > 2**21:
             return np.zeros(0, dtype=np.int64)
-        return np.sort(_keys(np.sort(self._first[self._facets.faces], axis=1), len(self._vertices)))
+        return np.sort(_keys(np.sort(self._first[self._facets.faces], axis=1), self._base))
+
+    @cached_property
+    def _known_edges(self) -> AnyArray:
+        """A number for each edge, sorted."""
+        return np.sort(_keys(np.sort(_edges(self._first[self._facets.faces]), axis=1), self._base))
+
+
+def _edges(corners: IntArray) -> IntArray:
+    """The edges ``(3 f, 2)`` of faces ``(f, 3)``."""
+    return np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+
+
+def _are_known(rows: IntArray, known: AnyArray, base: int) -> BoolArray:
+    """Which rows of vertices ``(m, k)``, -1 for none, are among the ``known`` keys, sorted: ``(m,)``."""
+    if not len(known):
+        return np.zeros(len(rows), dtype=np.bool_)
+    keys = _keys(np.sort(rows, axis=1), base)
+    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    return np.asarray((known[place] == keys) & (rows >= 0).all(1))
 
 
 def _keys(rows: IntArray, base: int) -> AnyArray:

@@ -128,8 +128,7 @@ class Ladder:
     def _fitted(self, hypothesis: Hypothesis, tolerance: float) -> tuple[Hypothesis, float]:
         """A hypothesis where it fits best, and the tolerance it needs to be taken: infinite if it is not believed."""
         context = self._context
-        implausible = _IMPLAUSIBLE_CLOSED if context.meter.closed else _IMPLAUSIBLE
-        if context.scores(hypothesis.generators).max() > implausible:
+        if context.scores(hypothesis.generators).max() > self._implausible:
             return hypothesis, np.inf
         if not context.meter.closed:  # what is missing decides how it is fitted
             hypothesis = hypothesis.measured(context, stride=_GLANCE_STRIDE)
@@ -146,13 +145,18 @@ class Ladder:
             return fitted, np.inf
         return fitted, fitted.rms
 
+    @property
+    def _implausible(self) -> float:
+        """Score of voxels above which a hypothesis is not measured."""
+        return _IMPLAUSIBLE_CLOSED if self._context.meter.closed else _IMPLAUSIBLE
+
     def _is_distinct(self, hypothesis: Hypothesis) -> bool:
         """Whether the group fits distinctly better than the same one tilted, either way: else the shape is a lump."""
         context, element = self._context, hypothesis.generators[[0]]
         both = Operations.joined([element, tilted(element, context.settings.tilt)])
         # Who raises the threshold is told of what is as rough as that: distances up to it must count.
         cut = max(context.settings.truncation, 1.5 * context.limit) ** 2
-        squared = np.minimum(context.meter.measure(both, context.judging).squared, cut).mean(1)
+        squared = np.minimum(context.meter.measure(both, context.judging.every(2)).squared, cut).mean(1)
         return bool(squared[1:].min() > context.settings.tilt_factor * squared[0])
 
     def _was_tried(self, key: tuple[object, ...], tolerance: float) -> bool:
@@ -312,6 +316,9 @@ class Ladder:
             if larger == "Ci":
                 context = self._context
                 inversion = Operations(np.eye(3)[:1], centre[None], np.array([np.pi]), np.ones(1, dtype=np.bool_))
+                if context.scores(inversion)[0] > self._implausible:
+                    self._needs(key, np.inf, tolerance)
+                    continue
                 centre = refine(context.surface, context.points(3), inversion, 12).points[0]
             yield Hypothesis(point_group(larger), frame, centre), key
         if order > 1 and name[0] in "CS" and not name.endswith("v"):

@@ -115,8 +115,9 @@ def identify(matrices: FloatArray, same: float = closure.SAME) -> tuple[str, Flo
         the Schoenflies symbol, and ``(3, 3)``, a proper rotation whose rows are the axes of the group's own frame;
         None if they are not the members of any point group.
     """
-    name = closure.name(matrices, same)
-    normals, directions, orders = closure.elements(matrices, same)
+    found = closure.elements(matrices, same)
+    normals, directions, orders = found
+    name = closure.name(matrices, found, same)
     group = point_group(name)
     if len(normals) != len(group.normals) or sorted(orders) != sorted(group.orders) or len(matrices) != group.size:
         return None
@@ -126,7 +127,7 @@ def identify(matrices: FloatArray, same: float = closure.SAME) -> tuple[str, Flo
         return name, frame_of(normals[0], normals[0])
     if name[0] in "TO" or name in ("I", "Ih"):
         return name, _polyhedral_frame(name, directions, np.array(orders))
-    main = closure.principal(matrices, same)
+    main = closure.principal(matrices, found)
     perpendicular = np.abs(directions @ main) < 0.5
     if name[0] == "D":
         across = directions[perpendicular & (np.array(orders) == 2)]

@@ -29,7 +29,7 @@ def test_names_and_elements_of_all_groups_in_any_frame(name: str):
     whole = closure.closure(matrices)
     assert whole is not None
     assert len(whole) == len(matrices)
-    assert closure.name(whole) == name
+    assert closure.name(whole, closure.elements(whole)) == name
     expected = group_elements(name)
     found = closure.elements(whole)
     assert sorted(found.orders) == sorted(expected.orders)
