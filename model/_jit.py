@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+import numba.extending
 import numpy as np
 from numba.core import caching  # pyright: ignore[reportUnknownVariableType]
 
@@ -25,6 +26,9 @@ _R = TypeVar("_R")
 # numba ships no type information; everything below that touches it goes through these untyped names.
 _njit: Any = numba.njit  # pyright: ignore[reportUnknownMemberType]
 _caching: Any = caching
+
+intrinsic: Any = numba.extending.intrinsic  # pyright: ignore[reportUnknownMemberType]
+"""Of a function of kernels that is given as instructions, see ``model._lanes``."""
 
 
 @functools.cache

@@ -9,6 +9,7 @@ import numpy as np
 
 from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES, ROWS, STACK
+from model.geometry._bvh_lanes import lowest, near_boxes, near_triangles
 from model.types import AnyArray, FloatArray, IntArray
 
 _ROUNDING = 1e-15
@@ -85,46 +86,6 @@ def _frame(vertices: FloatArray, faces: IntArray, face: int, frames: FloatArray,
 
 
 @jit
-def leaf_distances(frames: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
-    """Squared distances to the triangles of a leaf, without branches: one vector lane a triangle."""
-    # The number of lanes comes from the array on purpose: known to the compiler, the loop would be unrolled to scalars.
-    lanes = squared.shape[0]
-    for lane in range(lanes):
-        row = at + lane
-        px, py, pz = x - frames[row], y - frames[row + lanes], z - frames[row + 2 * lanes]
-        bx, by, bz = frames[row + 3 * lanes], frames[row + 4 * lanes], frames[row + 5 * lanes]
-        hx, hy, hz = frames[row + 6 * lanes], frames[row + 7 * lanes], frames[row + 8 * lanes]
-        base, cx, cy = frames[row + 9 * lanes], frames[row + 10 * lanes], frames[row + 11 * lanes]
-        u = px * bx + py * by + pz * bz
-        v = px * hx + py * hy + pz * hz
-        w = px * (by * hz - bz * hy) + py * (bz * hx - bx * hz) + pz * (bx * hy - by * hx)
-        du = max(max(-u, u - base), 0.0)
-        below = du * du + v * v
-        t = min(max((u * cx + v * cy) * frames[row + 12 * lanes], 0.0), 1.0)
-        left_u, left_v = u - t * cx, v - t * cy
-        left = left_u * left_u + left_v * left_v
-        ru, rx = u - base, cx - base
-        t = min(max((ru * rx + v * cy) * frames[row + 13 * lanes], 0.0), 1.0)
-        right_u, right_v = ru - t * rx, v - t * cy
-        right = right_u * right_u + right_v * right_v
-        inside = min(u * cy - v * cx, v * rx - ru * cy) if cy > 0.0 else -1.0
-        above = 0.0 if inside >= 0.0 else min(left, right)
-        squared[lane] = (below if v < 0.0 else above) + w * w
-
-
-@jit
-def box_distances(boxes: FloatArray, at: int, x: float, y: float, z: float, squared: FloatArray) -> None:
-    """Squared distances to the children's boxes; infinite for absent children."""
-    fanout = squared.shape[0]
-    for child in range(fanout):
-        row = at + child
-        dx = max(max(boxes[row] - x, x - boxes[row + 3 * fanout]), 0.0)
-        dy = max(max(boxes[row + fanout] - y, y - boxes[row + 4 * fanout]), 0.0)
-        dz = max(max(boxes[row + 2 * fanout] - z, z - boxes[row + 5 * fanout]), 0.0)
-        squared[child] = dx * dx + dy * dy + dz * dz
-
-
-@jit
 def _beaten(squared: float, rounding: float) -> float:
     """The squared distance of boxes that hold nothing nearer, but for rounding."""
     distance = max(np.sqrt(squared) - rounding, 0.0)
@@ -159,8 +120,10 @@ def nearest(
     rounding = float(frames[last - 1])
     visits = 0
     best, found = bound, -1
-    leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
-    for lane in range(LANES):
+    bits = near_triangles(frames, seed * ROWS * LANES, x, y, z, best, leaf_squared)
+    while bits:
+        lane = lowest(bits)
+        bits &= bits - 1
         if leaf_squared[lane] < best:
             best, found = leaf_squared[lane], seed * LANES + lane
     enough = _beaten(best, rounding)
@@ -174,23 +137,27 @@ def nearest(
         node = waiting[top]
         if node < 0:
             if ~node != seed:
-                leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
-                for lane in range(LANES):
-                    if leaf_squared[lane] < best:
-                        best, found = leaf_squared[lane], ~node * LANES + lane
-                enough = _beaten(best, rounding)
+                bits = near_triangles(frames, ~node * ROWS * LANES, x, y, z, best, leaf_squared)
+                if bits:
+                    while bits:
+                        lane = lowest(bits)
+                        bits &= bits - 1
+                        if leaf_squared[lane] < best:
+                            best, found = leaf_squared[lane], ~node * LANES + lane
+                    enough = _beaten(best, rounding)
             continue
-        box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
+        bits = near_boxes(boxes, node * 6 * FANOUT, x, y, z, enough, child_squared)
         bottom = top
-        for child in range(FANOUT):
+        while bits:  # kept sorted, the nearest on top
+            child = lowest(bits)
+            bits &= bits - 1
             value = child_squared[child]
-            if value < enough:  # kept sorted, the nearest on top
-                place = top
-                while place > bottom and waiting_squared[place - 1] < value:
-                    waiting_squared[place], waiting[place] = waiting_squared[place - 1], waiting[place - 1]
-                    place -= 1
-                waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
-                top += 1
+            place = top
+            while place > bottom and waiting_squared[place - 1] < value:
+                waiting_squared[place], waiting[place] = waiting_squared[place - 1], waiting[place - 1]
+                place -= 1
+            waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
+            top += 1
     frames[last] -= visits
     return best, found
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES, ROWS, STACK
-from model.geometry._bvh_query import box_distances, leaf_distances
+from model.geometry._bvh_lanes import lowest, near_boxes, near_triangles
 from model.types import BoolArray, FloatArray, IntArray
 
 
@@ -57,10 +57,9 @@ def leaf_within(
     leaf_squared: FloatArray,
 ) -> int:
     """A leaf with a triangle within `limit`, or -1. It counts its work as ``_bvh_query.nearest`` does."""
-    leaf_distances(frames, seed * ROWS * LANES, x, y, z, leaf_squared)
-    for lane in range(LANES):
-        if leaf_squared[lane] <= limit:
-            return seed
+    beyond = np.nextafter(limit, np.inf)
+    if near_triangles(frames, seed * ROWS * LANES, x, y, z, beyond, leaf_squared):
+        return seed
     last = frames.shape[0] - 1
     visits, found = 0, -1
     waiting[0] = 0
@@ -70,19 +69,18 @@ def leaf_within(
         visits += 1
         node = waiting[top]
         if node < 0:
-            leaf_distances(frames, ~node * ROWS * LANES, x, y, z, leaf_squared)
-            for lane in range(LANES):
-                if leaf_squared[lane] <= limit:
-                    found = ~node
+            if near_triangles(frames, ~node * ROWS * LANES, x, y, z, beyond, leaf_squared):
+                found = ~node
             continue
-        box_distances(boxes, node * 6 * FANOUT, x, y, z, child_squared)
+        bits = near_boxes(boxes, node * 6 * FANOUT, x, y, z, beyond, child_squared)
         nearest, place = np.inf, top
-        for child in range(FANOUT):
-            if child_squared[child] <= limit:
-                waiting[top] = children[node * FANOUT + child]
-                if child_squared[child] < nearest:
-                    nearest, place = child_squared[child], top
-                top += 1
+        while bits:
+            child = lowest(bits)
+            bits &= bits - 1
+            waiting[top] = children[node * FANOUT + child]
+            if child_squared[child] < nearest:
+                nearest, place = child_squared[child], top
+            top += 1
         if top > place + 1:  # the most promising one on top
             waiting[place], waiting[top - 1] = waiting[top - 1], waiting[place]
     frames[last] -= visits
