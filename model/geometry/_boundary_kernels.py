@@ -44,11 +44,13 @@ def find_missing(
     """
     waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
     child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
-    image, turned, ordered = np.empty((len(samples), 3)), np.empty(3), np.empty(len(samples))
+    image, turned = np.empty((len(samples), 3)), np.empty(3)
     lanes = np.empty(len(samples), dtype=np.int64)
     away, outward, place = np.empty(3), np.empty(3), np.empty(3)
     seed = 0
+    needed = int(share * (len(samples) - 1)) + 1
     for k in range(squared.shape[0]):
+        fitting = 0
         for i in range(squared.shape[1]):
             image_of(samples[i], fixed[k], linear[k], image[i])
             squared[k, i], lanes[i] = nearest(
@@ -66,9 +68,8 @@ def find_missing(
                 leaf_squared,
             )
             seed = lanes[i] // LANES
-            ordered[i] = squared[k, i]
-        ordered.sort()
-        believable = len(samples) > 0 and ordered[int(share * (len(samples) - 1))] <= plausible
+            fitting += squared[k, i] <= plausible
+        believable = fitting >= needed
         for i in range(squared.shape[1]):
             missing[k, i] = False
             if not believable or squared[k, i] <= near:

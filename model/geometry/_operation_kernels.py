@@ -166,9 +166,9 @@ def refine(
                     image[j, i, 0], image[j, i, 1], image[j, i, 2] = x, y, z
                     distances[j, i], ordered[j * count + i] = distance, distance
                     total += squared
-            ordered.sort()
             rms = np.sqrt(total / (width * count))
-            typical = max(spread * ordered[min(int(quantile * width * count), width * count - 1)], final_scale)
+            rank = min(int(quantile * width * count), width * count - 1)
+            typical = max(spread * _select(ordered, rank), final_scale)
             if trust_rms:
                 typical = max(typical, rms)
             if spread <= 0.0:  # whatever the distances are, smaller ones come to decide step by step
@@ -189,6 +189,30 @@ def refine(
                 moved = max(moved, abs(twist[a]))
             if moved <= step_tolerance + roughly * rms:
                 break
+
+
+@jit
+def _select(values: FloatArray, rank: int) -> float:
+    """The value with so many smaller ones before it, were they sorted; they are rearranged."""
+    low, high = 0, values.shape[0] - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        left, right = low, high
+        while left <= right:
+            while values[left] < pivot:
+                left += 1
+            while pivot < values[right]:
+                right -= 1
+            if left <= right:
+                values[left], values[right] = values[right], values[left]
+                left, right = left + 1, right - 1
+        if rank <= right:
+            high = right
+        elif rank >= left:
+            low = left
+        else:
+            break
+    return float(values[rank])
 
 
 @jit

@@ -79,3 +79,53 @@ def spread(
         for corner in range(3):
             vertex = first[faces[face, corner]]
             at_vertex[vertex] = max(at_vertex[vertex], largest)
+
+
+@jit
+def add_rims(
+    vertices: FloatArray,
+    faces: IntArray,
+    first: IntArray,
+    sharp: BoolArray,
+    smooth: float,
+    beside: IntArray,
+    around: IntArray,
+    at_vertex: FloatArray,
+) -> None:
+    """Raise ``at_vertex`` ``(v,)`` by the sagitta of rims: chains of sharp edges that turn but little at each vertex.
+
+    ``sharp`` ``(f, 3)``: of the edges from corner k to the next. ``beside`` ``(v, 2)`` is scratch, and so is ``around``
+    ``(v,)``, all 0: how many sharp edges meet at a vertex, and where the first two lead.
+    """
+    for face in range(faces.shape[0]):
+        for edge in range(3):
+            one, other = first[faces[face, edge]], first[faces[face, (edge + 1) % 3]]
+            if sharp[face, edge] and one != other:
+                _meet(one, other, beside, around)
+                _meet(other, one, beside, around)
+    for vertex in range(around.shape[0]):
+        if around[vertex] != 2:
+            continue
+        before, after = beside[vertex, 0], beside[vertex, 1]
+        dot, arrive, leave = 0.0, 0.0, 0.0
+        for axis in range(3):
+            a, b = vertices[vertex, axis] - vertices[before, axis], vertices[after, axis] - vertices[vertex, axis]
+            dot, arrive, leave = dot + a * b, arrive + a * a, leave + b * b
+        arrive, leave = np.sqrt(arrive), np.sqrt(leave)
+        cosine = dot / max(arrive * leave, 1e-300)
+        if cosine > smooth:
+            sagitta = 0.5 * max(arrive, leave) * np.tan(np.arccos(min(cosine, 1.0)) / 4.0)
+            at_vertex[vertex] = max(at_vertex[vertex], sagitta)
+            at_vertex[before] = max(at_vertex[before], sagitta)
+            at_vertex[after] = max(at_vertex[after], sagitta)
+
+
+@jit
+def _meet(here: int, there: int, beside: IntArray, around: IntArray) -> None:
+    """Note a sharp edge from one vertex to another, if it is not known from its other face."""
+    count = around[here]
+    if (count > 0 and beside[here, 0] == there) or (count > 1 and beside[here, 1] == there):
+        return
+    if count < 2:
+        beside[here, count] = there
+    around[here] = count + 1

@@ -7,7 +7,7 @@ import numpy as np
 from model._jit import kernel_array
 from model.geometry.frames import face_normals
 from model.geometry.topology import duplicate_vertex_map, edge_neighbours
-from model.search._facet_kernels import bends, spread
+from model.search._facet_kernels import add_rims, bends, spread
 from model.types import BoolArray, FloatArray, IntArray
 
 _SMOOTH = float(np.cos(np.deg2rad(50.0)))
@@ -51,30 +51,6 @@ class Facets:
         sharp = np.empty(faces.shape, dtype=np.bool_)
         bends(vertices, faces, normals, neighbours, _SMOOTH, _FLAT, own, sharp)
         spread(faces, first, normals, neighbours, _FLAT, own, of_face, at_vertex)
-        _add_rims(vertices, first[faces], sharp, at_vertex)
+        beside, around = np.empty((len(vertices), 2), dtype=np.int32), np.zeros(len(vertices), dtype=np.int32)
+        add_rims(vertices, faces, first, sharp, _SMOOTH, beside, around, at_vertex)
         return of_face, at_vertex[first]
-
-
-def _add_rims(vertices: FloatArray, faces: IntArray, sharp: BoolArray, at_vertex: FloatArray) -> None:
-    """Raise ``at_vertex`` ``(v,)`` by the sagitta of rims: chains of sharp edges that turn but little at each vertex.
-
-    ``faces`` ``(f, 3)`` with vertices at one place made one; ``sharp`` ``(f, 3)``: of the edges from corner k to the
-    next.
-    """
-    pairs = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)[sharp]
-    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    ends, others = pairs.ravel(), pairs[:, ::-1].ravel()
-    order = np.argsort(ends, kind="stable")
-    ends, others = ends[order], others[order]
-    counts = np.bincount(ends, minlength=len(vertices))
-    starts = np.cumsum(counts) - counts
-    middle = np.flatnonzero(counts == 2)
-    before, after = others[starts[middle]], others[starts[middle] + 1]
-    arrive, leave = vertices[middle] - vertices[before], vertices[after] - vertices[middle]
-    lengths = np.sqrt(np.square(arrive).sum(1)), np.sqrt(np.square(leave).sum(1))
-    cosine = np.einsum("ij,ij->i", arrive, leave) / np.maximum(lengths[0] * lengths[1], 1e-300)
-    turn = np.arccos(np.clip(cosine, -1.0, 1.0))
-    sagitta = np.where(cosine > _SMOOTH, 0.5 * np.maximum(*lengths) * np.tan(turn / 4.0), 0.0)
-    for vertex in (middle, before, after):
-        np.maximum.at(at_vertex, vertex, sagitta)

@@ -253,11 +253,14 @@ def _operations(parts: Sequence[tuple[FloatArray, float, bool]]) -> Operations:
 def frame_of(z: FloatArray, x: FloatArray) -> FloatArray:
     """A proper rotation with ``z`` as its last row and the part of ``x`` across it as its first; any, if none is."""
     x = x - (x @ z) * z
-    if np.linalg.norm(x) < 1e-3:
+    length = float(np.sqrt(x @ x))
+    if length < 1e-3:
         x = np.eye(3)[int(np.argmin(np.abs(z)))]
         x = x - (x @ z) * z
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+        length = float(np.sqrt(x @ x))
+    a, b, c = (x / length).tolist()
+    d, e, f = z.tolist()
+    return np.array([[a, b, c], [e * c - f * b, f * a - d * c, d * b - e * a], [d, e, f]])
 
 
 def _polyhedral_frame(name: str, directions: FloatArray, orders: FloatArray) -> FloatArray:
