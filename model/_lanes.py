@@ -8,7 +8,7 @@ everywhere, and the same as a loop's.
 
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import ir  # pyright: ignore[reportMissingTypeStubs]
 from numba.core import cgutils, types  # pyright: ignore[reportUnknownVariableType]
 
 _ir: Any = ir

@@ -27,10 +27,11 @@ def find_missing(
     on_edge: float,
     probe: float,
     closed: float,
-    corners: FloatArray,
+    vertices: FloatArray,
+    faces: IntArray,
     normals: FloatArray,
     open_edge: BoolArray,
-    open_corner: BoolArray,
+    open_vertex: BoolArray,
     owners: IntArray,
     boxes: FloatArray,
     children: IntArray,
@@ -97,7 +98,7 @@ def find_missing(
             length = np.sqrt(length)
             if length <= sideways * distance and height >= 0.0:
                 continue
-            if not _on_open_edge(place, corners[owner], open_edge[owner], open_corner[owner], on_edge):
+            if not _on_open_edge(place, vertices, faces[owner], open_edge[owner], open_vertex, on_edge):
                 continue
             for a in range(3):
                 outward[a] /= max(length, 1e-300)
@@ -120,26 +121,32 @@ def find_missing(
 
 @jit
 def _on_open_edge(
-    place: FloatArray, corners: FloatArray, open_edge: BoolArray, open_corner: BoolArray, near: float
+    place: FloatArray,
+    vertices: FloatArray,
+    face: IntArray,
+    open_edge: BoolArray,
+    open_vertex: BoolArray,
+    near: float,
 ) -> bool:
     """Whether a point of a face lies on one of its open edges, or on a corner where one ends."""
     for k in range(3):
-        if not (open_edge[k] or open_corner[k]):
+        here, there = face[k], face[(k + 1) % 3]
+        if not (open_edge[k] or open_vertex[here]):
             continue
         dot, square, at_corner = 0.0, 0.0, 0.0
         for a in range(3):
-            along = corners[(k + 1) % 3, a] - corners[k, a]
-            arm = place[a] - corners[k, a]
+            along = vertices[there, a] - vertices[here, a]
+            arm = place[a] - vertices[here, a]
             dot += along * arm
             square += along * along
             at_corner += arm * arm
-        if open_corner[k] and at_corner < near:
+        if open_vertex[here] and at_corner < near:
             return True
         if open_edge[k]:
             share = min(max(dot / max(square, 1e-300), 0.0), 1.0)
             gap = 0.0
             for a in range(3):
-                foot = corners[k, a] + share * (corners[(k + 1) % 3, a] - corners[k, a])
+                foot = vertices[here, a] + share * (vertices[there, a] - vertices[here, a])
                 gap += (place[a] - foot) * (place[a] - foot)
             if gap < near:
                 return True

@@ -34,7 +34,8 @@ def near_boxes(typing: Any, boxes: Any, at: Any, x: Any, y: Any, z: Any, enough:
 def near_triangles(typing: Any, frames: Any, at: Any, x: Any, y: Any, z: Any, enough: Any, squared: Any) -> Any:
     """``near_triangles(frames, at, x, y, z, enough, squared)``: the triangles of a leaf nearer than ``enough``.
 
-    ``squared`` ``(LANES,)`` is filled with squared distances; returned is a number with a bit for each below ``enough``.
+    ``squared`` ``(LANES,)`` is filled with squared distances; returned is a number with a bit for each that is below
+    ``enough``.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

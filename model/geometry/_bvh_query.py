@@ -125,7 +125,7 @@ def nearest(
         lane = lowest(bits)
         bits &= bits - 1
         if leaf_squared[lane] < best:
-            best, found = leaf_squared[lane], seed * LANES + lane
+            best, found = float(leaf_squared[lane]), seed * LANES + lane
     enough = _beaten(best, rounding)
     waiting[0], waiting_squared[0] = 0, 0.0
     top = 1 if frames[last] > 0.0 else 0
@@ -143,7 +143,7 @@ def nearest(
                         lane = lowest(bits)
                         bits &= bits - 1
                         if leaf_squared[lane] < best:
-                            best, found = leaf_squared[lane], ~node * LANES + lane
+                            best, found = float(leaf_squared[lane]), ~node * LANES + lane
                     enough = _beaten(best, rounding)
             continue
         bits = near_boxes(boxes, node * 6 * FANOUT, x, y, z, enough, child_squared)

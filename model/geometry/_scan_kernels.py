@@ -88,12 +88,12 @@ def interpolated_error(
             z = min(max(linear[k, 2, 0] * px + linear[k, 2, 1] * py + linear[k, 2, 2] * pz + fz, 0.0), last)
             a, b, c = int(x), int(y), int(z)
             x, y, z = x - a, y - b, z - c
-            near = (a * size + b) * size + c
-            far = near + across
-            d00 = distances[near] + z * (distances[near + 1] - distances[near])
-            d01 = distances[near + size] + z * (distances[near + size + 1] - distances[near + size])
-            d10 = distances[far] + z * (distances[far + 1] - distances[far])
-            d11 = distances[far + size] + z * (distances[far + size + 1] - distances[far + size])
+            cell = (a * size + b) * size + c
+            beyond = cell + across
+            d00 = distances[cell] + z * (distances[cell + 1] - distances[cell])
+            d01 = distances[cell + size] + z * (distances[cell + size + 1] - distances[cell + size])
+            d10 = distances[beyond] + z * (distances[beyond + 1] - distances[beyond])
+            d11 = distances[beyond + size] + z * (distances[beyond + size + 1] - distances[beyond + size])
             d0, d1 = d00 + y * (d01 - d00), d10 + y * (d11 - d10)
             distance = min(d0 + x * (d1 - d0), near)
             total += distance * distance
@@ -118,8 +118,8 @@ def settle(
 ) -> None:
     """Gauss-Newton of `model.geometry.refinement` on distances interpolated between cells; lengths in cells.
 
-    ``directions`` and ``places`` ``(k, 3)`` are overwritten. Turns are about the middle of the grid. Images farther than
-    ``near`` have no say, all others as much as their distance beside a scale that falls from step to step.
+    ``directions`` and ``places`` ``(k, 3)`` are overwritten. Turns are about the middle of the grid. Images farther
+    than ``near`` have no say, others the less the larger their distance is beside a scale that falls step by step.
     """
     across, last, middle = size * size, size - 1.001, 0.5 * (size - 1.0)
     linear, matrix, twist, row = np.empty((1, 3, 3)), np.empty((6, 6)), np.empty(6), np.empty(6)

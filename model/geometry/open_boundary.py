@@ -4,10 +4,10 @@ import numpy as np
 
 from model._jit import kernel_array
 from model.geometry import _boundary_kernels as _kernels
-from model.geometry.frames import face_normals
+from model.geometry.edges import EdgeTable
+from model.geometry.normals import face_normals
 from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
-from model.geometry.topology import open_edges
 from model.types import BoolArray, FloatArray, IntArray
 
 _PROBE = 5e-4
@@ -38,20 +38,22 @@ class OpenBoundary:
         vertices: ``(v, 3)``, unit frame.
         faces: ``(f, 3)``.
         first: for every vertex the first one at its place, ``(v,)``.
+        edges: of the mesh.
     """
 
-    def __init__(self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, first: IntArray) -> None:
+    def __init__(
+        self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, first: IntArray, edges: EdgeTable
+    ) -> None:
         self._surface = surface
-        self._edges = open_edges(first, faces)
+        self._edges = edges.open
         self.is_empty = not self._edges.any()
         self.one_sidedness = 0.0
         if self.is_empty:
             return
         self.one_sidedness = _mean_normal(vertices, faces)
-        turned = surface.to_tree(vertices)
-        self._corners = turned[faces]
-        self._normals = face_normals(turned, faces)
-        self._ends = _open_corners(self._edges, faces, first)[faces]
+        self._vertices, self._faces = surface.to_tree(vertices), kernel_array(faces, np.int32)
+        self._normals = face_normals(self._vertices, faces)
+        self._ends = _open_corners(self._edges, faces, first)
 
     def distances(
         self, points: FloatArray, normals: FloatArray, operations: Operations, near: float
@@ -86,8 +88,9 @@ class OpenBoundary:
             _ON_EDGE**2,
             _PROBE,
             (_CLOSED * _PROBE) ** 2,
-            kernel_array(self._corners, np.float64),
-            kernel_array(self._normals, np.float64),
+            self._vertices,
+            self._faces,
+            self._normals,
             self._edges,
             self._ends,
             surface.owners,

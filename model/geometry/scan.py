@@ -59,7 +59,7 @@ class DistanceGrid:
         return mirrored, turned
 
     def score(self, operations: Operations) -> FloatArray:
-        """Mean squared distances, in voxels, of the points' images under operations in the frame of the grid: ``(k,)``."""
+        """Mean squared distances, in voxels, of the points' images under operations in the grid's frame: ``(k,)``."""
         result = np.empty(len(operations))
         points, fixed = (kernel_array(self._cells(p), np.float64) for p in (self.points, operations.points))
         _kernels.score(points, fixed, operations.matrices, self.squared.ravel(), len(self.squared), result)

@@ -10,6 +10,7 @@ from model.geometry._bvh_query import closest_points, morton_order, pack, search
 from model.geometry._bvh_references import references
 from model.geometry._bvh_within import search_within
 from model.geometry.topology import distinct_faces, duplicate_vertex_map
+from model.geometry.transforms import turned
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 WORK = 40_000_000
@@ -85,7 +86,7 @@ class SurfaceIndex:
         found = np.empty((len(turned), 3))
         closest_points(turned, lanes, self._frames, found)
         if self._axes is not None:
-            found = found @ self._axes
+            found = self.from_tree(found)
         return found, squared, np.where(lanes >= 0, self._owners[lanes], np.int32(-1))
 
     def squared_distances(self, points: FloatArray) -> FloatArray:
@@ -124,18 +125,15 @@ class SurfaceIndex:
 
     def to_tree(self, vectors: FloatArray) -> FloatArray:
         """A copy of points or directions (n, 3) in the axes of the tree, which may be turned about the origin."""
-        return np.array(vectors if self._axes is None else vectors @ self._axes.T, dtype=np.float64, order="C")
+        return np.array(vectors, dtype=np.float64, order="C") if self._axes is None else turned(vectors, self._axes)
 
     def from_tree(self, vectors: FloatArray) -> FloatArray:
         """Points or directions (n, 3) back in the frame of the surface."""
-        return vectors if self._axes is None else vectors @ self._axes
+        return vectors if self._axes is None else turned(vectors, self._axes.T)
 
     def _turn(self, points: FloatArray) -> FloatArray:
         """Into the axes of the tree."""
-        if self._axes is None:
-            return points
-        with np.errstate(invalid="ignore", over="ignore"):  # from vertices that no face uses
-            return points @ self._axes.T
+        return points if self._axes is None else turned(points, self._axes)
 
     def _search(self, points: FloatArray, bound: float, stop_above: float) -> tuple[FloatArray, AnyArray, float]:
         squared = np.empty(len(points))

@@ -2,7 +2,24 @@
 
 import numpy as np
 
+from model._jit import jit, kernel_array
 from model.types import FloatArray
+
+
+def turned(points: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Points ``(n, 3)`` turned by a rotation ``(3, 3)``: many times faster than a product of matrices of this shape."""
+    result = np.empty((len(points), 3))
+    with np.errstate(invalid="ignore", over="ignore"):  # from vertices that no face uses
+        _turn(kernel_array(points, np.float64), kernel_array(rotation, np.float64), result)
+    return result
+
+
+@jit
+def _turn(points: FloatArray, rotation: FloatArray, result: FloatArray) -> None:
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for a in range(3):
+            result[i, a] = rotation[a, 0] * x + rotation[a, 1] * y + rotation[a, 2] * z
 
 
 def reflect(points: FloatArray, plane: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from model._jit import jit, jit_allocating, kernel_array
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
-from model.geometry.topology import is_watertight
+from model.geometry.edges import is_watertight
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from itertools import combinations, product
 import numpy as np
 
 from model.geometry.integrals import inertia_rotation
-from model.geometry.transforms import axis_angle, sign_free_mean
+from model.geometry.transforms import axis_angle, sign_free_mean, turned
 from model.geometry.voxels import voxelize
 from model.network.checkpoint import Checkpoint
 from model.types import BoolArray, FloatArray, IntArray
@@ -41,8 +41,7 @@ def input_rotation(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray
 
 def rotated_voxels(checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, rotation: FloatArray) -> BoolArray:
     """The turned shape as the network is to see it: ``(R, R, R)``."""
-    turned = np.ascontiguousarray(vertices @ rotation.T)
-    return voxelize(turned, faces, checkpoint.architecture.resolution)
+    return voxelize(turned(vertices, rotation), faces, checkpoint.architecture.resolution)
 
 
 def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence[FloatArray]) -> list[Proposals]:

@@ -68,8 +68,8 @@ def _orthogonal(matrix: FloatArray, result: FloatArray) -> None:
 def connected(cells: AnyArray, grid: IntArray, labels: IntArray) -> None:
     """Label the occupied ``cells`` ``(n, 3)`` of a grid: those that touch, at a corner too, get the same number.
 
-    ``grid`` ``(x, y, z)`` is scratch that holds all cells with a margin of one; ``labels`` ``(n,)``, in the order of the
-    first cell of each label.
+    ``grid`` ``(x, y, z)`` is scratch that holds all cells with a margin of one. ``labels`` ``(n,)`` count from 0, in
+    the order of the first cell of each.
     """
     x, y, z = grid.shape
     flat = grid.ravel()

@@ -99,7 +99,7 @@ def add_rims(
     """
     for face in range(faces.shape[0]):
         for edge in range(3):
-            one, other = first[faces[face, edge]], first[faces[face, (edge + 1) % 3]]
+            one, other = int(first[faces[face, edge]]), int(first[faces[face, (edge + 1) % 3]])
             if sharp[face, edge] and one != other:
                 _meet(one, other, beside, around)
                 _meet(other, one, beside, around)

@@ -23,10 +23,11 @@ def feature_deviations(
     slack: float,
     base: float,
     on_edge: float,
-    corners: FloatArray,
+    vertices: FloatArray,
+    faces: IntArray,
+    first: IntArray,
     of_face: FloatArray,
-    at_corner: FloatArray,
-    numbers: IntArray,
+    at_vertex: FloatArray,
     owners: IntArray,
     boxes: FloatArray,
     children: IntArray,
@@ -37,7 +38,7 @@ def feature_deviations(
 ) -> None:
     """Fill ``deviations`` and ``allowed`` ``(m,)`` for the images ``R (p - f) + f`` of points ``(m, 3)``.
 
-    ``coinciding`` ``(m,)``: the number of the corner that an image coincides with to ``base``, or -1.
+    ``coinciding`` ``(m,)``: the vertex that an image coincides with to ``base``, the ``first`` at its place, or -1.
     """
     waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
     child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
@@ -62,44 +63,44 @@ def feature_deviations(
         seed = lane // LANES
         owner = owners[lane]
         place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, frames)
-        sagitta = max(sagittas[i], of_face[owner], _rim(place, corners[owner], at_corner[owner], on_edge))
+        sagitta = max(sagittas[i], of_face[owner], _rim(place, vertices, faces[owner], at_vertex, on_edge))
         coinciding[i] = -1
         for k in range(3):
             gap = 0.0
             for a in range(3):
-                gap += (image[a] - corners[owner, k, a]) ** 2
+                gap += (image[a] - vertices[faces[owner, k], a]) ** 2
             if gap <= base * base:
-                coinciding[i] = numbers[owner, k]
+                coinciding[i] = first[faces[owner, k]]
         deviations[i], allowed[i] = np.sqrt(squared), base + slack * sagitta
 
 
 @jit
-def _rim(place: FloatArray, corners: FloatArray, at_corner: FloatArray, near: float) -> float:
+def _rim(place: FloatArray, vertices: FloatArray, face: IntArray, at_vertex: FloatArray, near: float) -> float:
     """The sagitta of the rim that a point of a face lies on: of an edge the smaller one of its ends; 0 off all edges.
 
     A flat face beside a rounded rim is cut along chords: there the rim's sagitta counts.
     """
     result = 0.0
     for k in range(3):
-        other = (k + 1) % 3
-        if max(at_corner[k], at_corner[other]) <= result:
+        here, other = face[k], face[(k + 1) % 3]
+        if max(at_vertex[here], at_vertex[other]) <= result:
             continue
         dot, square = 0.0, 0.0
         for a in range(3):
-            along = corners[other, a] - corners[k, a]
-            dot += along * (place[a] - corners[k, a])
+            along = vertices[other, a] - vertices[here, a]
+            dot += along * (place[a] - vertices[here, a])
             square += along * along
         share = dot / max(square, 1e-300)
         clipped, gap = min(max(share, 0.0), 1.0), 0.0
         for a in range(3):
-            off = place[a] - corners[k, a] - clipped * (corners[other, a] - corners[k, a])
+            off = place[a] - vertices[here, a] - clipped * (vertices[other, a] - vertices[here, a])
             gap += off * off
         if gap < near:
             if share < _AT_END:
-                sagitta = at_corner[k]
+                sagitta = float(at_vertex[here])
             elif share > 1.0 - _AT_END:
-                sagitta = at_corner[other]
+                sagitta = float(at_vertex[other])
             else:
-                sagitta = min(at_corner[k], at_corner[other])
+                sagitta = min(float(at_vertex[here]), float(at_vertex[other]))
             result = max(result, sagitta)
     return result

@@ -182,7 +182,8 @@ class _Rotations:
         better = difference.mean(1) > _SCREEN_SIGNIFICANCE * difference.std(1) / np.sqrt(excess.shape[1])
         good = better & (errors <= _SCREEN_FACTOR * limit**2)
         left = errors[better & ~good] / _SCREEN_FACTOR
-        return [n for n, kept in zip(orders, good.tolist(), strict=True) if kept], float(np.sqrt(left.min(initial=np.inf)))
+        needed = float(np.sqrt(left.min(initial=np.inf)))
+        return [n for n, kept in zip(orders, good.tolist(), strict=True) if kept], needed
 
     def needed(self, n: int) -> float:
         """The RMS deviation within which the rotations of an order are symmetries; one above the limit if they are not.

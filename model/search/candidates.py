@@ -24,13 +24,13 @@ fit exactly and the others count as missing."""
 _COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
 _UNPROMISING, _POOR = 2.5, 1.5
-"""Candidates are dropped that map the voxels so badly (squared voxels), or whose truncated error exceeds the threshold so
-many times after a few steps."""
+"""Candidates are dropped that map the voxels so badly (squared voxels), or whose truncated error exceeds the threshold
+so many times after a few steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedCandidates:
-    """Refined distinct ``operations``, sorted by error, with RMS deviations ``rms`` ``(k,)``; and the starts ``dropped``.
+    """Refined distinct ``operations``, sorted by error, with RMS deviations ``rms`` ``(k,)``; and what was ``dropped``.
 
     ``dropped_errors`` ``(d,)``: the SDE on few samples that each had when it was dropped.
     """

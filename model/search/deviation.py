@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.geometry._bvh_query import morton_order
-from model.geometry.frames import face_normals
+from model.geometry.normals import face_normals
 from model.geometry.open_boundary import OpenBoundary
 from model.geometry.operations import Operations
 from model.geometry.refinement import squared_distances
@@ -91,7 +91,7 @@ class DeviationMeter:
     def __init__(self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, *, near: float) -> None:
         self.surface = surface
         self.facets = Facets(vertices, faces)
-        self._boundary = OpenBoundary(surface, vertices, faces, self.facets.first)
+        self._boundary = OpenBoundary(surface, vertices, faces, self.facets.first, self.facets.edges)
         self._near = near
 
     @property

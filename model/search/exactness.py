@@ -179,5 +179,6 @@ def _clusters(points: FloatArray) -> IntArray:
     cells = np.floor(points / _CELL).astype(np.int64)
     cells = np.minimum(cells - cells.min(0), _MOST_CELLS) + 1
     labels = np.empty(len(points), dtype=np.int32)
-    connected(cells, np.empty(cells.max(0) + 2, dtype=np.int32), labels)
+    grid = np.empty(tuple((cells.max(0) + 2).tolist()), dtype=np.int32)
+    connected(cells, grid, labels)
     return labels

@@ -5,8 +5,9 @@ from functools import cached_property
 import numpy as np
 
 from model._jit import kernel_array
-from model.geometry.frames import face_normals
-from model.geometry.topology import duplicate_vertex_map, edge_neighbours
+from model.geometry.edges import EdgeTable
+from model.geometry.normals import face_normals
+from model.geometry.topology import duplicate_vertex_map
 from model.search._facet_kernels import add_rims, bends, spread
 from model.types import BoolArray, FloatArray, IntArray
 
@@ -31,6 +32,11 @@ class Facets:
         """For every vertex the first one at its place, ``(v,)``: vertices at one place count as one."""
         return duplicate_vertex_map(self.vertices)
 
+    @cached_property
+    def edges(self) -> EdgeTable:
+        """All edges, vertices at one place counting as one."""
+        return EdgeTable(self.first, self.faces)
+
     def at(self, owners: IntArray) -> FloatArray:
         """The largest sagitta on the faces ``(m,)`` or at a corner of theirs: ``(m,)``."""
         of_face, at_vertex = self.sagittas
@@ -45,7 +51,7 @@ class Facets:
         """Those of faces ``(f,)``, and at vertices ``(v,)`` the largest of faces and rims that meet there."""
         vertices, faces = kernel_array(self.vertices, np.float64), kernel_array(self.faces, np.int32)
         first = kernel_array(self.first, np.int32)
-        neighbours = edge_neighbours(first, faces)
+        neighbours = self.edges.neighbours
         normals = face_normals(vertices, faces)
         own, of_face, at_vertex = np.empty(len(faces)), np.empty(len(faces)), np.zeros(len(vertices))
         sharp = np.empty(faces.shape, dtype=np.bool_)

@@ -11,7 +11,7 @@ from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
 from model.search._feature_kernels import feature_deviations
 from model.search.facets import Facets
-from model.types import AnyArray, BoolArray, FloatArray, IntArray
+from model.types import BoolArray, FloatArray, IntArray
 
 _MOST_FACES, _ENOUGH_FACES = 6_000, 800
 _SLACK = 1.25
@@ -84,7 +84,7 @@ class Features:
         whole = self._at_vertices(corners, operation)
         image = np.full(len(self._vertices), -1, dtype=np.int32)
         image[corners] = whole.images
-        left = chosen[~_are_known(image[self._first[self._facets.faces[chosen]]], self._known_faces, self._base)]
+        left = chosen[~self._facets.edges.are_faces(image[self._first[self._facets.faces[chosen]]])]
         if not len(left):
             return whole
         return whole + self._at_edges(left, image, operation) + self._at_faces(left, operation)
@@ -114,16 +114,11 @@ class Features:
         return Look(points, sagittas, deviations, deviations > allowed, images)
 
     @cached_property
-    def _tables(self) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        """Of all faces the corners ``(f, 3, 3)``, in the axes of the tree, and what the kernel has to know about them.
-
-        These are their sagittas ``(f,)``, those at the corners ``(f, 3)``, and the corners' numbers ``(f, 3)``.
-        """
+    def _tables(self) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
+        """What the kernel has to know: vertices in the axes of the tree, faces, vertices at one place, and sagittas."""
         of_face, at_vertex = self._facets.sagittas
-        faces = self._facets.faces
-        corners = self._surface.to_tree(self._vertices)[faces]
-        numbers = kernel_array(self._first[faces], np.int32)
-        return corners, kernel_array(of_face, np.float64), at_vertex[faces], numbers
+        faces, first = (kernel_array(values, np.int32) for values in (self._facets.faces, self._first))
+        return self._surface.to_tree(self._vertices), faces, first, kernel_array(of_face, np.float64), at_vertex
 
     def _corners_of(self, faces: IntArray) -> IntArray:
         """The vertices of some faces, each once, in the order in which the faces have them."""
@@ -140,47 +135,10 @@ class Features:
 
     def _at_edges(self, faces: IntArray, image: IntArray, operation: Operations) -> Look:
         """At the middles of edges that do not go to an edge, by the ``image`` of each vertex ``(v,)``."""
-        ends = _edges(self._first[self._facets.faces[faces]])
-        ends = ends[~_are_known(image[ends], self._known_edges, self._base)]
-        _, once = np.unique(_keys(np.sort(ends, axis=1), self._base), return_index=True)
+        corners = self._first[self._facets.faces[faces]]
+        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        ends = ends[~self._facets.edges.are_edges(image[ends])]
+        low, high = np.minimum(ends[:, 0], ends[:, 1]), np.maximum(ends[:, 0], ends[:, 1])
+        _, once = np.unique(low.astype(np.int64) * len(self._vertices) + high, return_index=True)
         ends = ends[np.sort(once)]
         return self.measure(self._vertices[ends].mean(1), self._facets.sagittas[1][ends].min(1), operation)
-
-    @property
-    def _base(self) -> int:
-        """What numbers of vertices are below, for `_keys`."""
-        return len(self._vertices)
-
-    @cached_property
-    def _known_faces(self) -> AnyArray:
-        """A number for each face, sorted; none of a mesh with so many vertices that numbers would overflow."""
-        if self._base > 2**21:
-            return np.zeros(0, dtype=np.int64)
-        return np.sort(_keys(np.sort(self._first[self._facets.faces], axis=1), self._base))
-
-    @cached_property
-    def _known_edges(self) -> AnyArray:
-        """A number for each edge, sorted."""
-        return np.sort(_keys(np.sort(_edges(self._first[self._facets.faces]), axis=1), self._base))
-
-
-def _edges(corners: IntArray) -> IntArray:
-    """The edges ``(3 f, 2)`` of faces ``(f, 3)``."""
-    return np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-
-
-def _are_known(rows: IntArray, known: AnyArray, base: int) -> BoolArray:
-    """Which rows of vertices ``(m, k)``, -1 for none, are among the ``known`` keys, sorted: ``(m,)``."""
-    if not len(known):
-        return np.zeros(len(rows), dtype=np.bool_)
-    keys = _keys(np.sort(rows, axis=1), base)
-    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-    return np.asarray((known[place] == keys) & (rows >= 0).all(1))
-
-
-def _keys(rows: IntArray, base: int) -> AnyArray:
-    """One number for each row of vertex numbers below ``base``."""
-    result: AnyArray = rows[:, 0].astype(np.int64)
-    for column in range(1, rows.shape[1]):
-        result = result * base + rows[:, column]
-    return result

@@ -117,7 +117,7 @@ class Ladder:
         return self._try(Hypothesis(point_group(name), frame, centre), tolerance)
 
     def _try(self, hypothesis: Hypothesis, tolerance: float, key: tuple[object, ...] | None = None) -> bool:
-        """Fit a hypothesis and take it if it holds; True if it does. What it would need is remembered by its ``key``."""
+        """Fit a hypothesis and take it if it holds; True if it does. What it needs is remembered by its ``key``."""
         fitted, needed = self._fitted(hypothesis, tolerance)
         if needed <= tolerance:
             self._group = fitted
@@ -305,7 +305,7 @@ class Ladder:
         return Hypothesis(point_group(name), frame_of(direction, side), centre)
 
     def _suggested(self, tolerance: float) -> Iterator[tuple[Hypothesis, tuple[object, ...] | None]]:
-        """Larger groups that the one so far may be a part of, the likeliest first, each with the key it is remembered by."""
+        """Larger groups that the one so far may be a part of, the likeliest first, with the keys they are known by."""
         group = self._group
         name, order = group.name, group.group.principal_order
         for larger, frame in supergroups(name, order, group.frame):

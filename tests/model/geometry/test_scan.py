@@ -55,7 +55,7 @@ def test_every_two_fold_axis_has_a_minimum_nearby(seed: int):
 def test_scores_of_true_planes_are_far_below_those_of_others():
     grid, normals, _ = scanned("chair")
     mirror = Operations.reflections(np.column_stack([normals, -normals @ grid.centre]))
-    assert grid.score(mirror.apply(grid.points)).max() < 0.1 * np.median(grid.scan[0])
+    assert grid.score(mirror).max() < 0.1 * np.median(grid.scan[0])
 
 
 def test_distances_are_cut_off_and_zero_on_the_surface():
@@ -63,10 +63,19 @@ def test_distances_are_cut_off_and_zero_on_the_surface():
     occupied[8, 8, 8] = True
     grid = DistanceGrid(occupied)
     middle = (8 + 0.5) / 16 - 0.5
-    for steps, expected in ((0, 0), (1, 1), (2, 4), (3, 9), (6, 9)):
-        assert grid.score(np.array([[middle + steps / 16, middle, middle]])) == expected
-    assert grid.score(np.array([[middle + 1 / 16, middle + 2 / 16, middle]])) == 5
-    assert grid.score(np.array([[40.0, 0.0, 0.0]])) == 9
+    # A half turn about an axis half as far away moves the one point by as much as is asked for.
+    for steps, expected in (
+        ((0, 0), 0),
+        ((1, 0), 1),
+        ((2, 0), 4),
+        ((3, 0), 9),
+        ((6, 0), 9),
+        ((1, 2), 5),
+        ((640, 0), 9),
+    ):
+        place = middle + np.array([*steps, 0.0]) / 32
+        turn = Operations.rotations(np.array([0.0, 0.0, 1.0]), place, np.pi)
+        assert grid.score(turn) == expected
 
 
 def test_misfit_is_interpolated_between_cells():

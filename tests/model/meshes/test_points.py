@@ -5,10 +5,11 @@ import pytest
 
 from model.detector import Detector
 from model.errors import DegenerateMeshError, EmptyMeshError
+from model.geometry.edges import EdgeTable
 from model.geometry.frames import triangle_areas
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
-from model.geometry.topology import duplicate_vertex_map, open_edges
+from model.geometry.topology import duplicate_vertex_map
 from model.meshes.mesh import LARGEST_COORDINATE, Mesh
 from model.meshes.points import MOST_POINTS, PointSurface, surface_of_points
 from model.types import FloatArray
@@ -30,7 +31,7 @@ def test_a_sphere_is_closed_but_for_rare_gaps_and_looks_outwards():
     assert triangle_areas(corners).sum() == pytest.approx(4 * np.pi, rel=0.05)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (np.einsum("ij,ij->i", normals, corners.mean(1)) > 0).mean() > 0.999
-    edges = open_edges(duplicate_vertex_map(found.vertices), found.faces)
+    edges = EdgeTable(duplicate_vertex_map(found.vertices), found.faces).open
     assert edges.mean() < 0.01
     np.testing.assert_allclose(np.linalg.norm(found.vertices, axis=1), 1.0)
 
@@ -38,7 +39,7 @@ def test_a_sphere_is_closed_but_for_rare_gaps_and_looks_outwards():
 def test_the_rim_of_a_half_is_open_and_the_hole_is_not_bridged():
     points = sphere(8000)
     found = joined(points[points[:, 2] > 0])
-    edges = open_edges(duplicate_vertex_map(found.vertices), found.faces)
+    edges = EdgeTable(duplicate_vertex_map(found.vertices), found.faces).open
     inside = found.vertices[found.faces].mean(1)[:, 2] > 0.2
     assert edges[inside].mean() < 0.01
     rim = found.vertices[:, 2] < 0.01

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.geometry.frames import UnitFrame, face_normals, triangle_areas
+from model.geometry.frames import UnitFrame, triangle_areas
+from model.geometry.normals import face_normals
 from tests.shapes import box
 from training.data.prepare import Options, prepare
 from training.data.prepared import PreparedSet

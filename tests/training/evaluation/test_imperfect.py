@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.geometry.topology import is_watertight
+from model.geometry.edges import is_watertight
 from training.evaluation.imperfect import render, run
 from training.evaluation.imperfections import KINDS
 from training.shapes.catalogue import generate
