@@ -29,14 +29,22 @@ class Elements(NamedTuple):
     orders: tuple[int, ...]
 
 
-def closure(generators: FloatArray, largest: int = LARGEST, same: float = SAME) -> FloatArray | None:
+def closure(
+    generators: FloatArray, largest: int = LARGEST, same: float = SAME, *, snap: bool = False
+) -> FloatArray | None:
     """All products of the generators ``(k, 3, 3)``: ``(g, 3, 3)``, the identity first.
 
-    None if they never close, or only with an axis of an order above ``largest``. Matrices within ``same`` radians are
-    one.
+    Args:
+        generators: what to close, exact or nearly so.
+        largest: order of an axis.
+        same: matrices within so many radians are one.
+        snap: give products the angles that such orders have, if they are as near.
+
+    Returns:
+        the members; None if they never close, or only with an axis of a larger order.
     """
     room = np.empty((max(4 * largest, _LARGEST_CUBIC), 3, 3))  # Dnh has 4 n members
-    count = close(kernel_array(generators, np.float64), 1.0 + 2.0 * np.cos(same), room)
+    count = close(kernel_array(generators, np.float64), same, largest if snap else 0, room)
     if count < 0:
         return None
     group = room[:count]

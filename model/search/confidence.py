@@ -35,7 +35,8 @@ class Evidence:
     ``missing``: share of the surface whose counterpart was not seen, the mean over the operations; ``unsupported``:
     that no operation found. ``uncovered``: share whose counterpart is not there within the distance that fits;
     ``contradicting``: share that is taken off a surface that is there. ``sharpness``: logarithm of how many times
-    worse, squared, the operations are when tilted. ``size``: logarithm (base 2) of the number of members.
+    worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen then,
+    which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number of members.
     ``network``: largest angle between an element measured and the nearest proposal of the network, as a part of 45
     degrees. ``one_sided``: length of the mean normal of an open surface.
     """
@@ -47,6 +48,7 @@ class Evidence:
     uncovered: float
     contradicting: float
     sharpness: float
+    excused: float
     size: float
     network: float
     one_sided: float
@@ -71,10 +73,11 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
     cut = max(settings.truncation, 1.5 * limit) ** 2
     few = context.judging.every(_BESIDE_STRIDE)
     own = np.minimum(found.squared, cut).mean(1)
-    beside = np.empty(len(operations))
+    beside, excused = np.empty(len(operations)), np.empty(len(operations))
     for k in range(len(operations)):
-        squared = context.meter.measure(tilted(operations[[k]], settings.tilt), few).squared
-        beside[k] = np.median(np.minimum(squared, cut).mean(1))
+        aside = context.meter.measure(tilted(operations[[k]], settings.tilt), few)
+        beside[k] = np.median(np.minimum(aside.squared, cut).mean(1))
+        excused[k] = aside.missing_share.mean()
     sharpness = np.log10(np.maximum(beside, _SMALLEST**2) / np.maximum(own, _SMALLEST**2)).min()
     return Evidence(
         deviation=_logarithm(level.rms / limit),
@@ -84,6 +87,7 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
         uncovered=1.0 - float(found.coverage(settings.fit_distance).min()),
         contradicting=float(found.contradicting(settings.fit_distance).max()),
         sharpness=min(float(sharpness), _SHARPEST),
+        excused=float(excused.mean()),
         size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
         network=_from_network(level, proposals),
         one_sided=context.meter.one_sidedness,

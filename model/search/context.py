@@ -5,11 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.geometry.scan import DistanceGrid
+from model.geometry.scan import DistanceGrid, directions, minima
 from model.geometry.surface import SurfaceIndex
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray
+
+
+_THREEFOLD_LINES = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +57,15 @@ class SearchContext:
     def scores(self, operations: Operations) -> FloatArray:
         """The voxel scan's score of arbitrary operations, in squared voxels: ``(k,)``."""
         return self.grid.score(self._in_grid(operations))
+
+    def threefold_lines(self) -> FloatArray:
+        """Directions through the centre that a third of a turn about maps the voxels onto themselves best: ``(k, 3)``.
+
+        None of an axis of five or seven: these do it no better than by chance.
+        """
+        lines = directions()
+        scores = self.grid.score(Operations.rotations(lines, self.grid.centre, 2.0 * np.pi / 3.0))
+        return minima(scores, _THREEFOLD_LINES, self.settings.promising_axis) @ self.rotation
 
     def interpolated_errors(self, operations: Operations) -> FloatArray:
         """Finer scores, see `DistanceGrid.interpolated_error`: ``(k,)``."""

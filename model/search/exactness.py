@@ -166,11 +166,11 @@ def resolution_of(vertices: FloatArray) -> float:
     values: FloatArray = np.unique(vertices[:: max(1, len(vertices) // 5000)].ravel())
     if len(values) <= _SOME_VALUES or extent <= 0.0:
         return result
-    finest = (_DRAWN_STEP if len(values) > _MANY_VALUES else _FINE_STEP) * extent
-    decimal, binary = np.floor(np.log10(finest)), np.floor(np.log2(finest))
-    for step in sorted([*10.0 ** (decimal - np.arange(4)), *2.0 ** (binary - np.arange(12))], reverse=True):
+    fine = (_DRAWN_STEP if len(values) > _MANY_VALUES else _FINE_STEP) * extent
+    decimal, binary = np.floor(np.log10(extent)), np.floor(np.log2(extent))
+    for step in sorted([*10.0 ** (decimal - np.arange(6)), *2.0 ** (binary - np.arange(20))], reverse=True):
         if bool((np.abs(values / step - np.rint(values / step)) < 1e-3).all()):
-            return max(result, 0.5 * 3.0**0.5 * float(step))
+            return max(result, 0.5 * 3.0**0.5 * float(step)) if step <= fine else result
     return result
 
 

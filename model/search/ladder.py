@@ -46,7 +46,11 @@ class Ladder:
     """
 
     def __init__(self, context: SearchContext, lines: FloatArray) -> None:
-        """Start with no symmetry; ``lines`` ``(k, 3)`` are directions through the centre that may be axes."""
+        """Start with no symmetry; ``lines`` ``(k, 3)`` are directions through the centre that may be axes.
+
+        Where neither planes nor half turns are found, more are looked for: an axis of odd order may be alone, and off
+        the axes of inertia, which a detail tilts.
+        """
         self._context = context
         self._lines = lines
         self._group = trivial()
@@ -69,6 +73,8 @@ class Ladder:
                 self._extend(tolerance)
             done = tolerance
             self._note()
+        if self._group.name in ("C1", "Ci"):
+            self._lines = distinct_lines(np.concatenate([self._lines, self._context.threefold_lines()]))
         for index in order[(rms[order] > done) & (rms[order] <= limit)]:
             needed = max(float(rms[index]), self._group.rms, settings.feature_precision / settings.growth)
             tolerance = min(settings.growth * needed, limit)
@@ -105,7 +111,7 @@ class Ladder:
         if group.contains(operation, angle, settings.same_distance) or group.group.size > _LARGEST_CLOSED:
             return False
         matrices = np.concatenate([group.generators.matrices, operation.matrices])
-        grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle)
+        grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle, snap=not precise)
         identified = None if grown is None else identify(grown, angle)
         if identified is None:
             return False

@@ -79,3 +79,21 @@ def test_what_closes_by_chance_is_no_group() -> None:
         checked += identified is None
         assert identified is None or len(members) == point_group(identified[0]).size
     assert checked
+
+
+@pytest.mark.parametrize(
+    ("degrees", "name"), [(44.2, "C4v"), (46.1, "C4v"), (29.3, "C6v"), (60.9, "C3v"), (88.6, "C2v")]
+)
+def test_planes_near_an_angle_of_a_group_close_where_products_are_snapped(degrees: float, name: str):
+    angles = np.radians([10.0, 10.0 + degrees])
+    normals = np.stack([np.cos(angles), np.sin(angles), np.zeros(2)], axis=1) @ random_rotation(
+        np.random.default_rng(3)
+    )
+    mirrors = Operations.reflections(np.column_stack([normals, np.zeros(2)])).matrices
+    same = float(np.radians(3.0))
+    group = closure.closure(mirrors, 12, same, snap=True)
+    assert group is not None
+    identified = identify(group, same)
+    assert identified is not None
+    assert identified[0] == name
+    np.testing.assert_allclose(group @ group.transpose(0, 2, 1), np.broadcast_to(np.eye(3), group.shape), atol=1e-9)

@@ -1,0 +1,66 @@
+"""Distances in vector instructions against the plain formulas."""
+
+import numpy as np
+
+from model._jit import jit
+from model.geometry._bvh import FANOUT, LANES, ROWS
+from model.geometry._bvh_lanes import lowest, near_boxes, near_triangles
+from model.geometry._bvh_query import pack
+
+
+@jit
+def boxes_near(boxes: np.ndarray, place: np.ndarray, enough: float, squared: np.ndarray) -> int:
+    return near_boxes(boxes, 6 * FANOUT, place[0], place[1], place[2], enough, squared)
+
+
+@jit
+def triangles_near(frames: np.ndarray, place: np.ndarray, enough: float, squared: np.ndarray) -> int:
+    return near_triangles(frames, ROWS * LANES, place[0], place[1], place[2], enough, squared)
+
+
+@jit
+def lowest_bit(bits: int) -> int:
+    return lowest(bits)
+
+
+def bits_of(mask: np.ndarray) -> int:
+    return sum(1 << k for k in np.flatnonzero(mask).tolist())
+
+
+def test_boxes_are_as_far_as_their_sides_and_absent_ones_infinitely_far() -> None:
+    rng = np.random.default_rng(0)
+    low = rng.uniform(-1.0, 1.0, (3, FANOUT))
+    high = low + rng.uniform(0.0, 0.5, (3, FANOUT))
+    low[:, 3], high[:, 3] = np.inf, -np.inf
+    boxes = np.concatenate([np.zeros(6 * FANOUT), low.ravel(), high.ravel()])  # the second node
+    squared = np.empty(FANOUT)
+    for place in rng.uniform(-1.0, 1.0, (50, 3)):
+        expected = np.square(np.maximum(np.maximum(low.T - place, place - high.T), 0.0)).sum(1)
+        enough = float(np.median(expected))
+        assert boxes_near(boxes, place, enough, squared) == bits_of(expected < enough)
+        np.testing.assert_allclose(squared, expected, rtol=1e-15)
+    assert squared[3] == np.inf
+
+
+def test_triangles_are_as_far_as_their_nearest_point() -> None:
+    rng = np.random.default_rng(1)
+    vertices = rng.normal(size=(3 * 2 * LANES, 3))
+    vertices[-3:] = vertices[-3] + np.array([[0.0], [1.0], [0.4]]) * vertices[-2]  # one without area
+    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    leaves = np.array([[0, LANES], [LANES, 2 * LANES]], dtype=np.int32)
+    frames, _ = pack(vertices, faces, np.arange(len(faces), dtype=np.int32), leaves, 1e9)
+    share = np.linspace(0.0, 1.0, 201)
+    first, second = (grid.ravel() for grid in np.meshgrid(share, share))
+    inside = first + second <= 1.0 + 1e-12
+    weights = np.stack([1.0 - first - second, first, second], axis=1)[inside]
+    squared = np.empty(LANES)
+    for place in rng.normal(size=(20, 3)):
+        dense = np.square(weights @ vertices[faces[LANES:]] - place).sum(2).min(1)  # from a dense grid of their points
+        enough = float(np.median(dense))
+        assert triangles_near(frames, place, enough, squared) == bits_of(squared < enough)
+        assert (squared <= dense + 1e-12).all()
+        np.testing.assert_allclose(np.sqrt(squared), np.sqrt(dense), atol=0.03)
+
+
+def test_the_lowest_bit_is_found() -> None:
+    assert [lowest_bit(1 << k | 1 << 7) for k in range(8)] == list(range(8))
