@@ -90,12 +90,13 @@ def _geometric(vector: FloatArray) -> tuple[float, ...]:
 
 
 def _plane_order(plane: Plane) -> tuple[object, ...]:
-    return (not plane.exact, plane.symmetry_error, _geometric(plane.normal))
+    return (not plane.exact, -(plane.confidence or 0.0), plane.symmetry_error, _geometric(plane.normal))
 
 
 def _axis_order(axis: Axis) -> tuple[object, ...]:
     order = 0 if axis.order is None else -axis.order
-    return (not axis.continuous, order, not axis.exact, axis.symmetry_error, _geometric(axis.direction))
+    sure = -(axis.confidence or 0.0)
+    return (not axis.continuous, order, not axis.exact, sure, axis.symmetry_error, _geometric(axis.direction))
 
 
 class _Report:

@@ -74,7 +74,7 @@ def answer(
         result.levels.append(_level(rung))
         if rung is chosen:
             result.chosen = index
-            _add_elements(rung, result)
+            _add_elements(rung, ladder.confidence_of(rung.level), result)
     _add_others(context, None if chosen is None else chosen.level, found, result)
     return result
 
@@ -119,6 +119,15 @@ class _JudgedLadder:
                 self._add_exact_part(rung)
                 return rung
             self.rungs.remove(rung)  # other samples than those it was found on say otherwise
+
+    def confidence_of(self, level: Hypothesis) -> FloatArray:
+        """Of the planes and axes of a level: that of the surest level that each belongs to, ``(k,)``."""
+        settings, members = self._context.settings, level.elements
+        result = np.zeros(len(members))
+        for rung in self.rungs:
+            belongs = rung.level.contains(members, settings.same_angle, settings.same_distance)
+            result = np.where(belongs, np.maximum(result, rung.confidence), result)
+        return result
 
     def _best(self, choice: LevelChoice) -> _Rung | None:
         if choice.tolerance is not None:
@@ -187,7 +196,7 @@ def _telling_points(context: SearchContext) -> FloatArray:
     return samples.points[flat] if every_way and flat.mean() >= _ENOUGH_FLAT else context.points(1)
 
 
-def _add_elements(rung: _Rung, result: Symmetries) -> None:
+def _add_elements(rung: _Rung, confidence: FloatArray, result: Symmetries) -> None:
     level, judged = rung.level, rung.judged
     if judged is None:
         return
@@ -198,7 +207,7 @@ def _add_elements(rung: _Rung, result: Symmetries) -> None:
     for k in range(len(members)):
         error, coverage = float(judged.errors[k]), float(judged.coverage[k])
         exact, distance = bool(fits[k]), float(max(largest[k], judged.largest[k]))
-        shared = coverage, exact, distance, rung.confidence
+        shared = coverage, exact, distance, float(confidence[k])
         if k < planes:
             continuous = family and (level.name == "Kh" or k < 2)
             result.planes.append(FoundPlane(level.planes[k], error, continuous, *shared))
@@ -226,7 +235,8 @@ def _add_others(context: SearchContext, level: Hypothesis | None, found: Found, 
     settings = context.settings
     for index in range(len(found.rms)):
         operation = found.candidates[[index]]
-        if level is not None and level.contains(operation, 2.0 * settings.same_angle, 2.0 * settings.same_distance):
+        same = 2.0 * settings.same_angle, 2.0 * settings.same_distance
+        if level is not None and level.contains(operation, *same)[0]:
             continue
         error = float(found.rms[index]) ** 2
         holds = error <= context.max_error

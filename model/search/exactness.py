@@ -169,9 +169,14 @@ def resolution_of(vertices: FloatArray) -> float:
     fine = (_DRAWN_STEP if len(values) > _MANY_VALUES else _FINE_STEP) * extent
     decimal, binary = np.floor(np.log10(extent)), np.floor(np.log2(extent))
     for step in sorted([*10.0 ** (decimal - np.arange(6)), *2.0 ** (binary - np.arange(20))], reverse=True):
-        if bool((np.abs(values / step - np.rint(values / step)) < 1e-3).all()):
+        if _on_grid(values[:: len(values) // _SOME_VALUES], step) and _on_grid(values, step):
             return max(result, 0.5 * 3.0**0.5 * float(step)) if step <= fine else result
     return result
+
+
+def _on_grid(values: FloatArray, step: float) -> bool:
+    cells = values / step
+    return bool((np.abs(cells - np.rint(cells)) < 1e-3).all())
 
 
 def _clusters(points: FloatArray) -> IntArray:

@@ -11,7 +11,7 @@ from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
 from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, PointGroup, contains, point_group
 from model.search.settings import SearchSettings
-from model.types import FloatArray
+from model.types import BoolArray, FloatArray
 
 _MOST_MEASURED = 10
 _MOST_FITTED = 6
@@ -81,13 +81,12 @@ class Hypothesis:
         """Reflections in all planes, then the smallest rotation about each axis."""
         return self._placed(_elements(self.group))
 
-    def contains(self, operation: Operations, angle: float, distance: float) -> bool:
-        """Whether one operation (a batch of one) is a member up to an angle, radians, and a distance of its element."""
-        local = self.frame @ operation.matrices @ self.frame.T
-        if not contains(self.group, local, angle)[0]:
-            return False
-        moved = operation.apply(self.centre[None])[0, 0] - self.centre
-        return float(0.5 * np.linalg.norm(moved)) < distance
+    def contains(self, operations: Operations, angle: float, distance: float) -> BoolArray:
+        """Which operations are members up to an angle, radians, and a distance of their elements: ``(k,)``."""
+        local = self.frame @ operations.matrices @ self.frame.T
+        moved = operations.apply(self.centre[None])[:, 0] - self.centre
+        near = np.square(moved).sum(1) < (2.0 * distance) ** 2
+        return np.asarray(near & contains(self.group, local, angle))
 
     @property
     def measured_operations(self) -> Operations:

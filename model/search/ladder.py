@@ -108,7 +108,7 @@ class Ladder:
         group, settings = self._group, self._context.settings
         precise = tolerance <= settings.modelling_precision
         angle = _EXACT_ANGLE if precise else _ROUGH_ANGLE
-        if group.contains(operation, angle, settings.same_distance) or group.group.size > _LARGEST_CLOSED:
+        if group.contains(operation, angle, settings.same_distance)[0] or group.group.size > _LARGEST_CLOSED:
             return False
         matrices = np.concatenate([group.generators.matrices, operation.matrices])
         grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle, snap=not precise)

@@ -37,9 +37,12 @@ def check_answer(mesh: trimesh.Trimesh, answer: dict[str, Any], max_error: float
     assert np.allclose(center, weights @ mesh.triangles_center, atol=1e-6 * extent)
     farthest = np.linalg.norm(mesh.vertices[np.unique(mesh.faces)] - center, axis=1).max()
     assert scale == pytest.approx(2 * farthest)
-    # Planes: exact ones first, then by error. Axes: continuous ones and higher orders before that.
-    planes = [(not plane["exact"], plane["symmetry_error"]) for plane in answer["planes"]]
-    axes = [(-(axis["order"] or np.inf), not axis["exact"], axis["symmetry_error"]) for axis in answer["axes"]]
+    # Planes: exact ones first, then the surest, then by error. Axes: continuous ones and higher orders before that.
+    def place(item: dict[str, Any]) -> tuple[bool, float, float]:
+        return not item["exact"], -(item["confidence"] or 0.0), item["symmetry_error"]
+
+    planes = [place(plane) for plane in answer["planes"]]
+    axes = [(-(axis["order"] or np.inf), *place(axis)) for axis in answer["axes"]]
     assert planes == sorted(planes)
     assert axes == sorted(axes)
     assert all(item["symmetry_error"] <= max_error for item in (*answer["planes"], *answer["axes"]))
