@@ -8,6 +8,11 @@ from model.meshes.mesh import Mesh
 from model.types import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 
 
+def has_colors(mesh: Mesh) -> bool:
+    """Whether the surface has more than one colour."""
+    return mesh.colors is not None and bool((mesh.colors != mesh.colors[mesh.faces[0, 0]]).any())
+
+
 def carried_colors(
     mesh: Mesh, vertices: FloatArray, faces: IntArray, mirrored: BoolArray, plane: FloatArray
 ) -> tuple[FloatArray, IntArray, ByteArray]:
