@@ -25,6 +25,7 @@ def read_mesh(
     max_nodes: int = MOST_NODES,
     max_unpacked_bytes: int = MOST_UNPACKED_BYTES,
     resources: Resources = no_resources,
+    looks: bool = False,
 ) -> Mesh:
     """The mesh a file holds, in the file's own coordinates.
 
@@ -40,6 +41,7 @@ def read_mesh(
         max_faces: the same for triangles.
         max_nodes: the largest number of nodes, objects and placements of a scene.
         max_unpacked_bytes: the most bytes that the parts of a 3MF archive unpack to.
+        looks: whether colours of materials and pictures are read too, for those who write the mesh again.
         resources: gives the content of a file by the name that the data call it (``chair.bin``), or None.
 
     Raises:
@@ -67,7 +69,7 @@ def read_mesh(
             raise UnsupportedFormatError(
                 f"The file is named .{extension} but contains {FORMATS[content].label}; rename it to .{content}."
             )
-    limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes)
+    limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes, looks)
     try:
         raw = _readers()[extension].read(data, limits, resources)
         limits.check(len(raw.vertices), len(raw.faces))
@@ -82,6 +84,8 @@ def read_mesh(
             warnings=raw.warnings,
             colors=raw.colors,
             kind="points" if is_cloud else "mesh",
+            texture=raw.texture,
+            painted=raw.painted,
         )
     except (MeshTooLargeError, MemoryError, ImportError):  # the last two are the process's fault
         raise

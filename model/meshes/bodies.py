@@ -1,4 +1,6 @@
-"""Bodies that lie inside others: what a viewer cannot see from outside, and a symmetry of the surface must also keep."""
+"""Bodies that lie inside others: not to be seen from outside, and surface all the same."""
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -41,7 +43,7 @@ def inner_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int]:
     vertices = kernel_array(vertices, np.float64)
     order = np.argsort(of_face, kind="stable")
     starts = np.searchsorted(of_face[order], np.arange(count + 1))
-    extremes = np.stack([_extremes(vertices, faces[order[a:b]]) for a, b in zip(starts, starts[1:], strict=False)])
+    extremes = np.stack([_extremes(vertices, faces[order[a:b]]) for a, b in pairwise(starts.tolist())])
     low, high = extremes[:, [0, 1, 2], [0, 1, 2]], extremes[:, [3, 4, 5], [0, 1, 2]]
     left, found = _MOST_ANGLES, np.zeros(count, dtype=np.bool_)
     for inner in range(count):
@@ -70,9 +72,9 @@ def _join(merged: IntArray, faces: IntArray, body: IntArray) -> None:
     for vertex in range(body.shape[0]):
         body[vertex] = vertex
     for face in range(faces.shape[0]):
-        a = _root(body, merged[faces[face, 0]])
+        a = _root(body, int(merged[faces[face, 0]]))
         for corner in range(1, 3):
-            b = _root(body, merged[faces[face, corner]])
+            b = _root(body, int(merged[faces[face, corner]]))
             a, b = min(a, b), max(a, b)
             body[b] = a
     for vertex in range(body.shape[0]):
