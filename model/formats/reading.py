@@ -7,7 +7,8 @@ from pathlib import PurePath
 from typing import cast
 
 from model.errors import MeshError, MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
-from model.formats import FORMATS
+from model.formats import ARCHIVE, FORMATS
+from model.formats._archive import open_archive
 from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, Reader, Resources, no_resources
 from model.formats._foreign import foreign_content, next_step
 from model.formats._meshopt import warm_up_kernels as warm_up_kernels
@@ -32,7 +33,7 @@ def read_mesh(
     Scene transforms are applied and all bodies joined into one mesh, as a viewer of the format would show them.
     Vertices at the same place are not merged; polygons become triangles. A few broken faces are left out. A point cloud
     is joined to a surface (`model.meshes.points`). Whatever was left out or guessed is told in ``warnings``. Files that
-    the data refer to are asked for, never opened here.
+    the data refer to are asked for, never opened here. A zip archive that holds one mesh is read for that mesh.
 
     Args:
         data: the whole file.
@@ -40,7 +41,7 @@ def read_mesh(
         max_vertices: the largest number of vertices accepted, or None for any.
         max_faces: the same for triangles.
         max_nodes: the largest number of nodes, objects and placements of a scene.
-        max_unpacked_bytes: the most bytes that the parts of a 3MF archive unpack to.
+        max_unpacked_bytes: the most bytes that the parts of a 3MF or zip archive unpack to.
         looks: whether colours of materials and pictures are read too, for those who write the mesh again.
         resources: gives the content of a file by the name that the data call it (``chair.bin``), or None.
 
@@ -54,6 +55,9 @@ def read_mesh(
         MemoryError: the process has less memory than the file asks for.
     """
     extension = PurePath(filename).suffix[1:].lower()
+    if extension == ARCHIVE and data:
+        data, filename, resources = open_archive(data, max_unpacked_bytes)
+        extension = PurePath(filename).suffix[1:].lower()
     if extension not in FORMATS:
         known = ", ".join(format.label for format in FORMATS.values())
         raise UnsupportedFormatError(

@@ -4,10 +4,13 @@ import { formats } from "./formats";
 
 const COMPANIONS = ["bin", "mtl", "png", "jpg", "jpeg", "webp"];
 
+/** Read by the service for the one mesh that is in it. */
+const ARCHIVE = "zip";
+
 const beside = new WeakMap<File, File[]>();
 
 /** What a file picker offers. */
-export const accepted = (): string => [...meshes(), ...COMPANIONS].map((name) => `.${name}`).join(",");
+export const accepted = (): string => [...meshes(), ARCHIVE, ...COMPANIONS].map((name) => `.${name}`).join(",");
 
 const meshes = (): string[] => formats().read.map((format) => format.extension);
 
@@ -17,7 +20,7 @@ const extension = (file: File): string => file.name.split(".").pop()?.toLowerCas
 export function together(files: Iterable<File>): File | undefined {
   const all = [...files];
   const known = meshes();
-  const mesh = all.find((file) => known.includes(extension(file))) ?? all[0];
+  const mesh = all.find((file) => [...known, ARCHIVE].includes(extension(file))) ?? all[0];
   if (mesh) {
     beside.set(
       mesh,

@@ -233,7 +233,7 @@ def test_archives_are_told_apart(names, words):
 @pytest.mark.parametrize(
     ("extension", "words"),
     [("step", "FreeCAD"), ("igs", "FreeCAD"), ("fbx", "Blender"), ("blend", "Blender"), ("dae", "Blender"),
-     ("usdz", "Blender"), ("zip", "Unpack"), ("gz", "Unpack"), ("laz", "points"), ("mtl", "materials"),
+     ("usdz", "Blender"), ("gz", "Unpack"), ("laz", "points"), ("mtl", "materials"),
      ("bin", "gltf")],
 )  # fmt: skip
 def test_unsupported_extensions_come_with_the_next_step(extension, words):
