@@ -72,9 +72,10 @@ def inside_warning(bodies: int, whole: Symmetries, outside: Symmetries) -> tuple
         outside: what it has without.
     """
     some = "One body lies" if bodies == 1 else f"{bodies} bodies lie"
+    count = "counts" if bodies == 1 else "count"
     has = [(_is_round(found) + len(found.planes) + len(found.axes), _is_exact(found)) for found in (whole, outside)]
     if has[1] <= has[0]:
-        return (f"{some} inside another one and counts as surface like the rest.",)
+        return (f"{some} inside another one and {count} as surface like the rest.",)
     them = "it" if bodies == 1 else "them"
     exactly = " exactly" if _is_exact(outside) else ""
     roughly = " only roughly" if whole.point_group == outside.point_group else ""

@@ -21,7 +21,8 @@ _KNOWN = frozenset(
     {
         "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "EXT_mesh_gpu_instancing",
         "KHR_mesh_quantization", "KHR_node_visibility", "KHR_texture_transform", "KHR_texture_basisu",
-        "KHR_lights_punctual", "KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld", "KHR_techniques_webgl",
+        "KHR_lights_punctual", "KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld",
+        "KHR_techniques_webgl", "KHR_technique_webgl",
         "KHR_node_hoverability", "KHR_node_selectability", "EXT_texture_webp", "EXT_texture_avif",
         "EXT_lights_image_based", "EXT_mesh_features", "EXT_instance_features", "EXT_structural_metadata",
         "EXT_mesh_manifold", "MSFT_texture_dds", "MSFT_packing_normalRoughnessMetallic",
@@ -129,10 +130,11 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> RawMesh:
         skin = None if placed.skin is None or body.joints is None else scene.joint_matrices(placed.skin)
         for matrix in placed.matrices[: 1 if placed.skin is not None else None]:
             part = all_vertices[vertex : vertex + count]
-            if skin is None:
-                _place(body.vertices, matrix, part)
-            else:
-                part[:] = body.posed(skin)
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found by the checks of `Mesh`
+                if skin is None:
+                    _place(body.vertices, matrix, part)
+                else:
+                    part[:] = body.posed(skin)
             np.add(body.faces, vertex, out=all_faces[face : face + len(body.faces)], dtype=np.int32)
             if colors is not None and body.light is not None:
                 colors[vertex : vertex + count] = from_linear(body.light)

@@ -12,7 +12,7 @@ from model.formats._archive import open_archive
 from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, Reader, Resources, no_resources
 from model.formats._foreign import foreign_content, next_step
 from model.formats._meshopt import warm_up_kernels as warm_up_kernels
-from model.formats._text import DECIMAL_COMMAS, has_decimal_commas
+from model.formats._text import DECIMAL_COMMAS, has_decimal_commas, narrow
 from model.formats._usable import joined_points, resolution_warning, without_broken_faces
 from model.meshes.mesh import Mesh
 
@@ -65,6 +65,8 @@ def read_mesh(
         )
     if not data:
         raise UnreadableMeshError("The file is empty.")
+    if _readers()[extension].may_be_text:
+        data = narrow(data)
     content = _recognize(data, extension)
     if content != extension:
         if words := foreign_content(data):
