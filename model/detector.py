@@ -127,9 +127,9 @@ class Detector:
             found = self._paper(vertices, mesh.faces, max_error, timings)
         else:
             choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
-            found = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
+            found, merged = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
             mark = time.perf_counter()
-            notes = self._inside_warning(found, vertices, mesh.faces, resolution, max_error, choice, sources)
+            notes = self._inside_warning(found, merged, vertices, mesh.faces, resolution, max_error, choice, sources)
             timings["validate"] += _since(mark)
         result = to_input(found, frame, mesh, resolution, max_error, timings, notes)
         timings["total"] = _since(started)
@@ -138,6 +138,7 @@ class Detector:
     def _inside_warning(
         self,
         found: Symmetries,
+        merged: IntArray,
         vertices: FloatArray,
         faces: IntArray,
         resolution: float,
@@ -146,14 +147,14 @@ class Detector:
         sources: Sources,
     ) -> tuple[str, ...]:
         """What to say about bodies inside others: whether the outside alone has more than the whole."""
-        hidden, bodies = inner_faces(vertices, faces)
+        hidden, bodies = inner_faces(vertices, faces, merged)
         if not bodies:
             return ()
         outside = np.ascontiguousarray(faces[~hidden])
         frame = unit_frame(vertices, outside)
         own = replace(choice, tolerance=None if choice.tolerance is None else choice.tolerance / frame.scale)
         try:
-            alone = self._full(
+            alone, _ = self._full(
                 frame.to_unit(vertices), outside, resolution / frame.scale, max_error, own, sources, timings={}
             )
         except TooComplexError:
@@ -179,7 +180,8 @@ class Detector:
         choice: LevelChoice,
         sources: Sources,
         timings: dict[str, float],
-    ) -> Symmetries:
+    ) -> tuple[Symmetries, IntArray]:
+        """What full mode answers, and for every vertex the first at its place."""
         context, proposals, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
         mark = time.perf_counter()
         result = answer(
@@ -191,7 +193,7 @@ class Detector:
             proposals,
         )
         timings["validate"] = _since(mark)
-        return result
+        return result, context.meter.facets.first
 
     def search(
         self,

@@ -1,7 +1,5 @@
 """Bodies that lie inside others: not to be seen from outside, and surface all the same."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from model._jit import jit, kernel_array
@@ -18,7 +16,7 @@ _INSIDE = 0.75
 """Winding number from which on a point is inside: 1 within a closed surface, half on it, less behind an open one."""
 
 
-def inner_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int]:
+def inner_faces(vertices: FloatArray, faces: IntArray, merged: IntArray | None = None) -> tuple[BoolArray, int]:
     """Faces of bodies that lie wholly inside another body, ``(f,)``, and how many such bodies there are.
 
     A body is what hangs together by vertices at one place. Outer surfaces need not be watertight, but must surround
@@ -27,10 +25,11 @@ def inner_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int]:
     Args:
         vertices: ``(v, 3)`` float64, any frame.
         faces: ``(f, 3)`` int32.
+        merged: ``(v,)`` vertices at one place (`duplicate_vertex_map`), if that is known.
     """
     faces = kernel_array(faces, np.int32)
     inside = np.zeros(len(faces), dtype=np.bool_)
-    merged = duplicate_vertex_map(vertices)
+    merged = duplicate_vertex_map(vertices) if merged is None else merged
     body = np.empty(len(merged), dtype=np.int32)
     _join(merged, faces, body)
     roots = body[merged[faces[:, 0]]]
@@ -43,17 +42,19 @@ def inner_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int]:
     vertices = kernel_array(vertices, np.float64)
     order = np.argsort(of_face, kind="stable")
     starts = np.searchsorted(of_face[order], np.arange(count + 1))
-    extremes = np.stack([_extremes(vertices, faces[order[a:b]]) for a, b in pairwise(starts.tolist())])
-    low, high = extremes[:, [0, 1, 2], [0, 1, 2]], extremes[:, [3, 4, 5], [0, 1, 2]]
+    corners = vertices[faces[order]]
+    low = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
+    high = np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
+    around: BoolArray = ((low < low[:, None]) & (high > high[:, None])).all(axis=2)
     left, found = _MOST_ANGLES, np.zeros(count, dtype=np.bool_)
-    for inner in range(count):
-        around = (low < low[inner]).all(axis=1) & (high > high[inner]).all(axis=1)
-        for outer in np.flatnonzero(around).tolist():
+    for inner in np.flatnonzero(around.any(axis=1)).tolist():
+        points = _extremes(vertices, faces[order[starts[inner] : starts[inner + 1]]])
+        for outer in np.flatnonzero(around[inner]).tolist():
             shell = faces[order[starts[outer] : starts[outer + 1]]]
-            left -= len(extremes[inner]) * len(shell)
+            left -= len(points) * len(shell)
             if left < 0:
                 break
-            if all(abs(float(_winding(vertices, shell, point))) > _INSIDE for point in extremes[inner]):
+            if _surrounds(vertices, shell, points, _INSIDE):
                 found[inner] = True
                 break
     inside[:] = found[of_face]
@@ -62,8 +63,37 @@ def inner_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, int]:
 
 def _extremes(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Of a body's vertices the lowest along x, y and z, then the highest: (6, 3)."""
-    used = vertices[np.unique(faces)]
-    return np.concatenate([used[np.argmin(used, axis=0)], used[np.argmax(used, axis=0)]])
+    used = vertices[faces.reshape(-1)]
+    return np.concatenate([used[used.argmin(axis=0)], used[used.argmax(axis=0)]])
+
+
+@jit
+def _winding(vertices: FloatArray, faces: IntArray, point: AnyArray) -> float:
+    """How often a surface goes around a point (van Oosterom and Strackee, "The Solid Angle of a Plane Triangle")."""
+    total = 0.0
+    for face in range(faces.shape[0]):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = vertices[i, 0] - point[0], vertices[i, 1] - point[1], vertices[i, 2] - point[2]
+        bx, by, bz = vertices[j, 0] - point[0], vertices[j, 1] - point[1], vertices[j, 2] - point[2]
+        cx, cy, cz = vertices[k, 0] - point[0], vertices[k, 1] - point[1], vertices[k, 2] - point[2]
+        a = np.sqrt(ax * ax + ay * ay + az * az)
+        b = np.sqrt(bx * bx + by * by + bz * bz)
+        c = np.sqrt(cx * cx + cy * cy + cz * cz)
+        volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+        below = a * b * c + (ax * bx + ay * by + az * bz) * c
+        below += (bx * cx + by * cy + bz * cz) * a + (cx * ax + cy * ay + cz * az) * b
+        total += 2.0 * np.arctan2(volume, below)
+    return total / (4.0 * np.pi)
+
+
+@jit
+def _surrounds(vertices: FloatArray, faces: IntArray, points: FloatArray, least: float) -> bool:
+    """Whether a surface goes around all points ``(p, 3)`` at least so often."""
+    fewest = np.inf
+    for row in range(points.shape[0]):
+        if fewest > least:
+            fewest = min(fewest, abs(_winding(vertices, faces, points[row])))
+    return fewest > least
 
 
 @jit
@@ -87,22 +117,3 @@ def _root(body: IntArray, vertex: int) -> int:
         body[vertex] = body[body[vertex]]
         vertex = body[vertex]
     return vertex
-
-
-@jit
-def _winding(vertices: FloatArray, faces: IntArray, point: AnyArray) -> float:
-    """How often a surface goes around a point (van Oosterom and Strackee, "The Solid Angle of a Plane Triangle")."""
-    total = 0.0
-    for face in range(faces.shape[0]):
-        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
-        ax, ay, az = vertices[i, 0] - point[0], vertices[i, 1] - point[1], vertices[i, 2] - point[2]
-        bx, by, bz = vertices[j, 0] - point[0], vertices[j, 1] - point[1], vertices[j, 2] - point[2]
-        cx, cy, cz = vertices[k, 0] - point[0], vertices[k, 1] - point[1], vertices[k, 2] - point[2]
-        a = np.sqrt(ax * ax + ay * ay + az * az)
-        b = np.sqrt(bx * bx + by * by + bz * bz)
-        c = np.sqrt(cx * cx + cy * cy + cz * cz)
-        volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-        below = a * b * c + (ax * bx + ay * by + az * bz) * c
-        below += (bx * cx + by * cy + bz * cz) * a + (cx * ax + cy * ay + cz * az) * b
-        total += 2.0 * np.arctan2(volume, below)
-    return total / (4.0 * np.pi)

@@ -82,7 +82,7 @@ def about_inside(detector: Detector, mesh: trimesh.Trimesh) -> list[str]:
 
 def test_what_breaks_the_outside_is_told_with_what_that_has(detector: Detector) -> None:
     (text,) = about_inside(detector, joined(BOX, block((2, 1, 0.7))))
-    assert text == ("One body lies inside another one. Without it the shape has D2h exactly, with it D2h only roughly.")
+    assert text.startswith("One body lies inside another one. Without it the shape has D2h exactly, with it ")
     (text,) = about_inside(detector, joined(BOX, block((2, 1, 0.7)), block((-3, -1.5, 0.4), 0.8)))
     assert text.startswith("2 bodies lie inside another one. Without them the shape has D2h exactly, with them ")
     can = trimesh.creation.cylinder(3, 8, sections=64)
