@@ -45,7 +45,7 @@ def inner_faces(vertices: FloatArray, faces: IntArray, merged: IntArray | None =
     corners = vertices[faces[order]]
     low = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
     high = np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
-    around: BoolArray = ((low < low[:, None]) & (high > high[:, None])).all(axis=2)
+    around = np.asarray(((low < low[:, None]) & (high > high[:, None])).all(axis=2))
     left, found = _MOST_ANGLES, np.zeros(count, dtype=np.bool_)
     for inner in np.flatnonzero(around.any(axis=1)).tolist():
         points = _extremes(vertices, faces[order[starts[inner] : starts[inner + 1]]])
