@@ -107,7 +107,7 @@ def test_materials_and_pictures_go_in_one_upload_and_come_back(server: Server, t
         through = client.halve(tmp_path / "a.obj", format="glb", plane=[1, 0, 0, -0.5])
     packed = zipped(**{name.replace(".", "__"): content for name, content in contents.items()})
     out_of_zip = httpx.post(f"{server.url}/halve", files={"file": ("a.zip", packed)}, params=query, timeout=60)
-    assert out_of_zip.content == by_hand.content == through.content
+    assert out_of_zip.content == by_hand.content == through.data
     half = read_mesh(by_hand.content, "a.glb", looks=True)
     assert half.texture is not None
     assert half.texture.pictures[0].content == png((4, 5, 6))

@@ -151,11 +151,12 @@ def test_paper_mode(at_home: Visit, server: Server) -> None:
 def test_levels_say_where_the_chosen_one_does_not_hold(at_home: Visit) -> None:
     at_home.choose("Damaged table")
     levels = at_home.page.get_by_role("region", name="Levels")
-    expect(levels.locator(".level .name")).to_have_text(["C2v"])
-    expect(levels.locator(".level .note")).to_contain_text("chosen")
+    chosen = levels.locator('.level[aria-pressed="true"]')
+    expect(chosen.locator(".name")).to_have_text(["C2v"])
+    expect(chosen.locator(".note")).to_contain_text("chosen")
     breaks = levels.locator("ul.small li")
     expect(breaks).to_have_count(1)
-    expect(breaks).to_contain_text("missing at (0.59")  # the corner
+    expect(breaks).to_contain_text("missing at (0.5")  # the corner
     at_home.page.get_by_text("Paper", exact=True).click()
     expect(levels).to_have_count(0)
 
