@@ -12,7 +12,7 @@ from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, 
 from app.editing import best_plane
 from model.completion.mirroring import Completed, complete
 from model.formats.reading import Resources, no_resources
-from model.meshes.colors import carried_colors
+from model.meshes.colors import with_looks_of
 from model.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def complete_file(
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_within(limits, data, filename, resources)
+    mesh = read_within(limits, data, filename, resources, looks=True)
     parsed = time.perf_counter()
     on_parsed()
     return complete_mesh(detector, mesh, filename, options, started, parsed)
@@ -66,11 +66,8 @@ def complete_mesh(
         plane = np.array(options.plane)
     began = time.perf_counter()
     done = complete(mesh, plane, symmetrize=options.symmetrize)
-    vertices, faces, colors = done.vertices, done.faces, None
-    if mesh.colors is not None:
-        mirrored = np.arange(len(faces)) >= done.faces_kept
-        vertices, faces, colors = carried_colors(mesh, vertices, faces, mirrored, plane)
-    result = Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units, colors=colors)
+    mirrored = np.arange(len(done.faces)) >= done.faces_kept
+    result = with_looks_of(mesh, done.vertices, done.faces, mirrored, plane)
     answer = schemas.CompletedMesh(
         completion=_completion(done, plane, options, mesh.warnings),
         mesh=mesh_info(result, filename),

@@ -111,14 +111,18 @@ def detect_file(
     limits: MeshLimits,
     on_parsed: Callable[[], None] = lambda: None,
     resources: Resources = no_resources,
+    *,
+    looks: bool = False,
 ) -> "tuple[schemas.DetectResponse, Mesh]":
     """What `parse_and_detect` answers, and the mesh it is about; ``resources`` are files that the mesh may refer to.
+
+    With ``looks`` it has the colours of its materials and its pictures, to be written again.
 
     Raises:
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_within(limits, data, filename, resources)
+    mesh = read_within(limits, data, filename, resources, looks=looks)
     parsed = time.perf_counter()
     on_parsed()
     detection = detector.detect(
@@ -127,8 +131,10 @@ def detect_file(
     return to_response(detection, detector, filename, options.include, started, parsed), mesh
 
 
-def read_within(limits: MeshLimits, data: bytes, filename: str, resources: Resources = no_resources) -> "Mesh":
-    """The mesh of a file that keeps the limits.
+def read_within(
+    limits: MeshLimits, data: bytes, filename: str, resources: Resources = no_resources, *, looks: bool = False
+) -> "Mesh":
+    """The mesh of a file that keeps the limits; with ``looks`` to be written again.
 
     Raises:
         model.errors.MeshError: it does not, or cannot be read.
@@ -141,6 +147,7 @@ def read_within(limits: MeshLimits, data: bytes, filename: str, resources: Resou
         max_nodes=limits.nodes,
         max_unpacked_bytes=limits.unpacked_bytes,
         resources=resources,
+        looks=looks,
     )
 
 

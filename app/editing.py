@@ -14,7 +14,7 @@ from model.detection import Detection
 from model.errors import NoPlaneError
 from model.formats.reading import Resources, no_resources
 from model.meshes.clipping import remove_unreferenced_vertices
-from model.meshes.colors import carried_colors
+from model.meshes.colors import with_looks_of
 from model.meshes.mesh import Mesh
 from model.types import FloatArray
 
@@ -51,7 +51,7 @@ def edit_file(
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
-    mesh = read_within(limits, data, filename, resources)
+    mesh = read_within(limits, data, filename, resources, looks=True)
     parsed = time.perf_counter()
     on_parsed()
     if isinstance(options, HalveOptions):
@@ -106,6 +106,7 @@ def align_mesh(
         source_format=mesh.source_format,
         units=mesh.units,
         colors=None if mesh.colors is None else mesh.colors[used],
+        texture=None if mesh.texture is None else mesh.texture.part(vertices=used),
     )
     answer = schemas.AlignedMesh(
         alignment=schemas.Alignment(
@@ -126,11 +127,7 @@ def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> Mesh:
         model.errors.DegenerateMeshError: nothing of the mesh is on that side.
     """
     vertices, faces = mirroring.halve(mesh, plane, positive=positive)
-    colors = None
-    if mesh.colors is not None:
-        mirrored = np.zeros(len(faces), dtype=np.bool_)
-        vertices, faces, colors = carried_colors(mesh, vertices, faces, mirrored, plane)
-    return Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units, colors=colors)
+    return with_looks_of(mesh, vertices, faces, np.zeros(len(faces), dtype=np.bool_), plane)
 
 
 def best_plane(detection: Detection, max_error: float) -> FloatArray:

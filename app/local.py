@@ -26,6 +26,7 @@ from app.refusals import require
 from app.schemas import Completion, DetectResponse, Include, LevelName, Mode
 from model.formats.conversion import MeshLike, as_mesh
 from model.meshes.mesh import Mesh
+from model.meshes.texture import Texture
 from model.types import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -36,15 +37,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompletedGeometry:
-    """A completed mesh: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, what was done, and ``colors`` if there are any.
+    """A completed mesh: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, what was done, and the looks if there are any.
 
-    They are ``(v, 4)`` uint8 sRGB.
+    ``colors`` are ``(v, 4)`` uint8 sRGB, ``texture`` pictures.
     """
 
     vertices: FloatArray
     faces: IntArray
     completion: Completion
     colors: ByteArray | None = None
+    texture: Texture | None = None
 
     def to_trimesh(self) -> "trimesh.Trimesh":
         """A ``trimesh.Trimesh`` with the same vertices and faces, none merged, removed or reordered."""
@@ -57,7 +59,7 @@ class CompletedGeometry:
             ValueError: the extension is another one.
             OSError: the file cannot be written.
         """
-        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors))
+        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors, self.texture))
 
 
 def detect(
@@ -121,11 +123,11 @@ def complete(
     started = time.perf_counter()
     given = None if plane is None else plane_numbers(plane).tolist()
     options = CompleteOptions(given, symmetrize, max_error)
-    triangles, detector = as_mesh(mesh), detector_of(weights)
+    triangles, detector = as_mesh(mesh, looks=True), detector_of(weights)
     answer, result = complete_mesh(
         detector, triangles, _name(mesh), options, started, time.perf_counter()
     )  # fmt: skip
-    return CompletedGeometry(result.vertices, result.faces, answer.completion, result.colors)
+    return CompletedGeometry(result.vertices, result.faces, answer.completion, result.colors, result.texture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,6 +138,7 @@ class AlignedGeometry:
     faces: IntArray
     matrix: FloatArray
     colors: ByteArray | None = None
+    texture: Texture | None = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
@@ -144,7 +147,7 @@ class AlignedGeometry:
             ValueError: the extension is another one.
             OSError: the file cannot be written.
         """
-        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors))
+        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors, self.texture))
 
 
 def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") -> AlignedGeometry:
@@ -156,11 +159,13 @@ def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") 
     """
     require(AlignQuery, max_error=max_error)
     started = time.perf_counter()
-    triangles, detector = as_mesh(mesh), detector_of(weights)
+    triangles, detector = as_mesh(mesh, looks=True), detector_of(weights)
     done, result = align_mesh(
         detector, triangles, _name(mesh), AlignOptions(max_error), started, time.perf_counter()
     )  # fmt: skip
-    return AlignedGeometry(result.vertices, result.faces, np.array(done.alignment.matrix), result.colors)
+    return AlignedGeometry(
+        result.vertices, result.faces, np.array(done.alignment.matrix), result.colors, result.texture
+    )
 
 
 def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[FloatArray, IntArray]:

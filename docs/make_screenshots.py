@@ -83,6 +83,16 @@ def screenshots(browser: Browser, url: str) -> None:
         page.get_by_text("Mirror preview", exact=True).click()
         settle(page)
         save(page, "viewer_mirror")
+    with opened(browser, url) as page:
+        files = [EXAMPLES / name for name in ("broken.3mf", "vase.ply", "propeller.stl", "nut.glb", "plant.off")]
+        page.locator("#file").set_input_files(files)
+        page.get_by_role("heading", name="5 files").wait_for(timeout=60_000)
+        page.locator(".row").first.wait_for(timeout=60_000)
+        page.get_by_text("Drawing").click()
+        for label in ("Orthographic", "Grid"):
+            page.get_by_label(label).check()
+        settle(page)
+        save(page, "viewer_files")
     with opened(browser, url, **PHONE, device_scale_factor=2) as page:
         choose(page, "Vase")
         save(page, "viewer_phone")

@@ -11,16 +11,19 @@ import os
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal, Self
 
 import numpy as np
 
 from model.detection import Detection
+from model.errors import TooComplexError
 from model.formats.conversion import MeshLike, as_mesh
 from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
 from model.geometry.surface import SurfaceIndex
+from model.meshes.bodies import inner_faces
 from model.meshes.mesh import Mesh
 from model.network.checkpoint import Checkpoint, load_checkpoint
 from model.network.proposals import (
@@ -33,7 +36,7 @@ from model.network.proposals import (
 from model.network.views import look, other_views
 from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
-from model.report import to_input
+from model.report import inside_warning, to_input
 from model.search.answer import LevelChoice, answer
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
@@ -81,6 +84,7 @@ class Detector:
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
+        inner_faces(np.concatenate([corners, corners / 2.0 + 0.1]), np.concatenate([faces, faces + 8]))
         _ = mesh.bounds, mesh.area, mesh.watertight
 
     def detect(
@@ -118,14 +122,44 @@ class Detector:
         vertices = frame.to_unit(mesh.vertices)
         resolution = resolution_of(mesh.vertices) / frame.scale
         timings: dict[str, float] = {}
+        notes: tuple[str, ...] = ()
         if mode == "paper":
             found = self._paper(vertices, mesh.faces, max_error, timings)
         else:
             choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
-            found = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
-        result = to_input(found, frame, mesh, resolution, max_error, timings)
+            found, merged = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
+            mark = time.perf_counter()
+            notes = self._inside_warning(found, merged, vertices, mesh.faces, resolution, max_error, choice, sources)
+            timings["validate"] += _since(mark)
+        result = to_input(found, frame, mesh, resolution, max_error, timings, notes)
         timings["total"] = _since(started)
         return result
+
+    def _inside_warning(
+        self,
+        found: Symmetries,
+        merged: IntArray,
+        vertices: FloatArray,
+        faces: IntArray,
+        resolution: float,
+        max_error: float,
+        choice: LevelChoice,
+        sources: Sources,
+    ) -> tuple[str, ...]:
+        """What to say about bodies inside others: whether the outside alone has more than the whole."""
+        hidden, bodies = inner_faces(vertices, faces, merged)
+        if not bodies:
+            return ()
+        outside = np.ascontiguousarray(faces[~hidden])
+        frame = unit_frame(vertices, outside)
+        own = replace(choice, tolerance=None if choice.tolerance is None else choice.tolerance / frame.scale)
+        try:
+            alone, _ = self._full(
+                frame.to_unit(vertices), outside, resolution / frame.scale, max_error, own, sources, timings={}
+            )
+        except TooComplexError:
+            alone = found
+        return inside_warning(bodies, found, alone)
 
     def _paper(self, vertices: FloatArray, faces: IntArray, max_error: float, timings: dict[str, float]) -> Symmetries:
         proposals = self.propose(vertices, faces, timings)
@@ -146,7 +180,8 @@ class Detector:
         choice: LevelChoice,
         sources: Sources,
         timings: dict[str, float],
-    ) -> Symmetries:
+    ) -> tuple[Symmetries, IntArray]:
+        """What full mode answers, and for every vertex the first at its place."""
         context, proposals, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
         mark = time.perf_counter()
         result = answer(
@@ -158,7 +193,7 @@ class Detector:
             proposals,
         )
         timings["validate"] = _since(mark)
-        return result
+        return result, context.meter.facets.first
 
     def search(
         self,

@@ -10,6 +10,7 @@ from model.detection import Axis, Detection, Level, Plane, Rejected
 from model.detection import Patch as InputPatch
 from model.geometry.frames import UnitFrame
 from model.geometry.transforms import canonical_sign
+from model.meshes.colors import has_colors
 from model.meshes.mesh import Mesh
 from model.symmetries import Candidate, FoundAxis, FoundPlane, Patch, Symmetries
 from model.symmetries import Level as FoundLevel
@@ -31,6 +32,7 @@ def to_input(
     resolution: float,
     max_error: float,
     timings_ms: dict[str, float],
+    notes: tuple[str, ...] = (),
 ) -> Detection:
     """What was found, in the frame of ``mesh``.
 
@@ -41,6 +43,7 @@ def to_input(
         resolution: of its coordinates, unit frame.
         max_error: the threshold it was searched with.
         timings_ms: of the steps.
+        notes: what else there is to say, as sentences.
     """
     report = _Report(frame, max(_ROUNDING, 4.0 * resolution))
     planes = sorted((report.plane(plane) for plane in found.planes), key=_plane_order)
@@ -53,11 +56,50 @@ def to_input(
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,
-        warnings=[*mesh.warnings, *_warnings(found, max_error)],
+        warnings=[*mesh.warnings, *notes, *_color_warning(found, mesh), *_warnings(found, max_error)],
         levels=report.levels(found),
         similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
         rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],
     )
+
+
+def inside_warning(bodies: int, whole: Symmetries, outside: Symmetries) -> tuple[str, ...]:
+    """What to know about a shape with bodies inside it, which count as surface.
+
+    Args:
+        bodies: how many are inside.
+        whole: what the shape has with them.
+        outside: what it has without.
+    """
+    some = "One body lies" if bodies == 1 else f"{bodies} bodies lie"
+    count = "counts" if bodies == 1 else "count"
+    has = [(_is_round(found) + len(found.planes) + len(found.axes), _is_exact(found)) for found in (whole, outside)]
+    if has[1] <= has[0]:
+        return (f"{some} inside another one and {count} as surface like the rest.",)
+    them = "it" if bodies == 1 else "them"
+    exactly = " exactly" if _is_exact(outside) else ""
+    roughly = " only roughly" if whole.point_group == outside.point_group else ""
+    return (
+        f"{some} inside another one. Without {them} the shape has {outside.point_group}{exactly}, with {them} "
+        f"{whole.point_group}{roughly}.",
+    )
+
+
+def _is_exact(found: Symmetries) -> bool:
+    """Whether all that was found is."""
+    return all(element.exact for element in (*found.planes, *found.axes))
+
+
+def _is_round(found: Symmetries) -> int:
+    """More than any number of elements of a finite group where there is a continuous axis."""
+    return 10_000 * any(axis.order is None for axis in found.axes)
+
+
+def _color_warning(found: Symmetries, mesh: Mesh) -> tuple[str, ...]:
+    """What may break a symmetry of the shape for those who see it."""
+    if not (found.planes or found.axes) or not has_colors(mesh):
+        return ()
+    return ("The file has colours or textures. They were not considered: these are symmetries of the shape.",)
 
 
 def _warnings(found: Symmetries, max_error: float) -> list[str]:

@@ -4,6 +4,7 @@ Imports stand inside the commands: `fit` must start on a machine that has no mes
 """
 
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +14,10 @@ from training import judging_commands
 from training.judging_commands import Verbose
 
 app = typer.Typer(
-    no_args_is_help=True, add_completion=False, help="Train PRS-Net on your own meshes and judge the result."
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,  # it would take what stands in brackets for its own
+    help="Train PRS-Net on your own meshes and judge the result.",
 )
 
 
@@ -113,7 +117,10 @@ def fit(
         typer.Option(help="PREPARED:SHARE: so much of what is drawn comes from another set; may be repeated."),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cuda, cpu, ...; a GPU if there is one.")] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of the recipe's steps.")] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, help="Train this long instead of the recipe's steps; a larger number extends a run."),
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the recipe's seed.")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="SECTION.FIELD=VALUE instead of the recipe's; may be repeated.")
@@ -189,7 +196,9 @@ def fit(
         if bar is not None:
             bar.close()
     if main:
-        typer.echo(f"best checkpoint {best}; ship it with `python -m training export {run}`")
+        weights = run / f"{chosen.name}.safetensors"
+        typer.echo(f"best checkpoint {best}; make weights of it that the service loads:")
+        typer.echo(f"  {shlex.join(['python', '-m', 'training', 'export', str(run), '-o', str(weights)])}")
 
 
 @app.command()

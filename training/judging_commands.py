@@ -48,6 +48,7 @@ def evaluate(
         typer.Option(help="Also tables by source, by unseen sources, or by a column of the manifest, such as kind."),
     ] = None,
     manifest: Annotated[Path | None, typer.Option(help="CSV file with a column path, for --by.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Tables as Markdown, one row a method.")] = False,
     progress: Verbose = True,
 ) -> None:
     """Judge networks, the detector's modes and classical methods side by side: exact distances, one report."""
@@ -67,6 +68,7 @@ def evaluate(
             ground_truth=ground_truth,
             workers=workers,
             progress=progress,
+            markdown=markdown,
         )
     except (ValueError, OSError) as error:
         raise typer.BadParameter(str(error)) from error

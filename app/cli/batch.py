@@ -92,7 +92,7 @@ def work(path: Path, task: Task) -> Outcome:
     from model.formats.conversion import as_mesh
 
     try:
-        mesh = as_mesh(path)
+        mesh = as_mesh(path, looks=task.glb_folder is not None)
         response = detect(
             mesh,
             mode=task.mode,
@@ -104,7 +104,7 @@ def work(path: Path, task: Task) -> Outcome:
         )
         response = named(response, Path(path.name))
         if task.glb_folder is not None:
-            body = glb.WRITER.body(mesh.vertices, mesh.faces, response.mesh.bounds, mesh.colors)
+            body = glb.WRITER.body(mesh.vertices, mesh.faces, response.mesh.bounds, mesh.colors, mesh.texture)
             task.write(path, task.glb_folder, ".glb", glb.annotated_head(response, body) + body)
         if task.png_folder is not None:
             drawn = picture(response, mesh.vertices, mesh.faces, up=task.up)

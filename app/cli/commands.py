@@ -22,6 +22,7 @@ from app.schemas import Include, LevelName, Mode
 
 app = typer.Typer(
     no_args_is_help=True,
+    rich_markup_mode=None,  # it would take what stands in brackets for its own
     pretty_exceptions_enable=False,
     epilog="Exit codes: 0 all went well, 1 some files failed, 2 wrong usage, 3 all files failed, "
     "4 the service of --url is not there.",

@@ -84,11 +84,11 @@ def halve(
     with _output(file, output, overwrite) as source:
         if url is None:
             started = time.perf_counter()
-            detector, mesh = load(weights), as_mesh(source)
+            detector, mesh = load(weights), as_mesh(source, looks=True)
             options = HalveOptions(plane, not other, max_error)
             answer, half = halve_mesh(detector, mesh, file.name, options, started, time.perf_counter())
             done = answer.half
-            output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors))
+            output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors, half.texture))
         else:
             with Client(url, api_key=api_key) as client:
                 received = client.halve(
@@ -122,12 +122,12 @@ def align(
     with _output(file, output, overwrite) as source:
         if url is None:
             started = time.perf_counter()
-            detector, mesh = load(weights), as_mesh(source)
+            detector, mesh = load(weights), as_mesh(source, looks=True)
             answer, moved = align_mesh(
                 detector, mesh, file.name, AlignOptions(max_error), started, time.perf_counter()
             )  # fmt: skip
             done = answer.alignment
-            output.write_bytes(local.writer_for(output).file(moved.vertices, moved.faces, moved.colors))
+            output.write_bytes(local.writer_for(output).file(moved.vertices, moved.faces, moved.colors, moved.texture))
         else:
             with Client(url, api_key=api_key) as client:
                 received = client.align(source, format=local.mesh_format(output), max_error=max_error)

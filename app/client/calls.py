@@ -91,6 +91,7 @@ class Call:
     query: Mapping[str, Any]
     source: Source | None = None
     accept: str | None = None
+    looks: bool = False  # whether what comes back is a mesh, which shall look like this one
 
     @contextmanager
     def arguments(self) -> Generator[dict[str, Any], None, None]:
@@ -100,14 +101,14 @@ class Call:
             if self.source is not None:
                 given["files"] = [
                     (FIELD, (name, content, "application/octet-stream"))
-                    for name, content in _upload(self.source, stack)
+                    for name, content in _upload(self.source, stack, looks=self.looks)
                 ]
             if self.accept:
                 given["headers"] = {"Accept": self.accept}
             yield given
 
 
-def _upload(source: Source, stack: ExitStack) -> list[tuple[str, bytes | BinaryIO]]:
+def _upload(source: Source, stack: ExitStack, *, looks: bool) -> list[tuple[str, bytes | BinaryIO]]:
     """Names and contents of the files to send."""
     if isinstance(source, Mapping):
         return list(source.items())
@@ -115,7 +116,7 @@ def _upload(source: Source, stack: ExitStack) -> list[tuple[str, bytes | BinaryI
         return [(source[0], source[1])]
     if isinstance(source, str | os.PathLike):
         path = Path(source)
-        return [(item.name, stack.enter_context(item.open("rb"))) for item in (path, *companions(path))]
+        return [(item.name, stack.enter_context(item.open("rb"))) for item in (path, *companions(path, looks=looks))]
     from app.outputs.ply import WRITER  # here: numba takes a second to import, and files do not need it
     from model.formats.conversion import as_mesh
 
@@ -136,24 +137,24 @@ def detect_call(
     query: dict[str, Any] = {"mode": mode, "max_error": max_error, "include": list(include), "level": level}
     if tolerance is not None:
         query["tolerance"] = tolerance
-    return Call("POST", "/detect", query | ({"format": format} if format else {}), mesh)
+    return Call("POST", "/detect", query | ({"format": format} if format else {}), mesh, looks=format == "glb")
 
 
 def complete_call(mesh: Source, format: str, plane: PlaneLike | None, symmetrize: bool, max_error: float) -> Call:
     """``POST /complete``."""
     query: dict[str, Any] = {"format": format, "symmetrize": symmetrize, "max_error": max_error}
-    return Call("POST", "/complete", query | _plane_query(plane), mesh)
+    return Call("POST", "/complete", query | _plane_query(plane), mesh, looks=True)
 
 
 def halve_call(mesh: Source, format: str, plane: PlaneLike | None, positive: bool, max_error: float) -> Call:
     """``POST /halve``."""
     query: dict[str, Any] = {"format": format, "other": not positive, "max_error": max_error}
-    return Call("POST", "/halve", query | _plane_query(plane), mesh)
+    return Call("POST", "/halve", query | _plane_query(plane), mesh, looks=True)
 
 
 def align_call(mesh: Source, format: str, max_error: float) -> Call:
     """``POST /align``."""
-    return Call("POST", "/align", {"format": format, "max_error": max_error}, mesh)
+    return Call("POST", "/align", {"format": format, "max_error": max_error}, mesh, looks=True)
 
 
 def _plane_query(plane: PlaneLike | None) -> dict[str, Any]:

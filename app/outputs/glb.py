@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
+from app.outputs.glb_pictures import Pictures, appendix, face_order, read_appendix
+from app.outputs.mesh_file import Counts, MeshWriter, require_indices, require_numbers
 from app.outputs.output_format import OutputFormat
 from app.schemas import Axis, DetectResponse, Plane
 from model.meshes.colors import to_linear
+from model.meshes.texture import Texture
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 _U16, _U32, _F32 = 5123, 5125, 5126
@@ -74,13 +76,24 @@ def _placement(bounds: list[list[float]]) -> tuple[FloatArray, float]:
     return (low + high) / 2.0, 1.0 if _ORDINARY[0] < extent < _ORDINARY[1] else extent
 
 
-def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]], colors: ByteArray | None = None) -> bytes:
+def _body(
+    vertices: FloatArray,
+    faces: IntArray,
+    bounds: list[list[float]],
+    colors: ByteArray | None = None,
+    texture: Texture | None = None,
+) -> bytes:
     origin, scale = _placement(bounds)
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):  # in vertices that no face uses
         points = ((vertices - origin) / scale).astype("<f4")
     points[~np.isfinite(points).all(axis=1)] = 0.0
+    if texture is not None:
+        faces = faces[face_order(texture)]
+        colors = np.full((len(vertices), 4), 255, dtype=np.uint8) if colors is None else colors
     geometry = points.tobytes() + faces.astype("<u4").tobytes()
-    return geometry if colors is None else geometry + to_linear(colors).astype("<u2").tobytes()
+    if colors is not None:
+        geometry += to_linear(colors).astype("<u2").tobytes()
+    return geometry if texture is None else geometry + appendix(texture)
 
 
 def _size(vertices: int, faces: int) -> int:
@@ -117,8 +130,10 @@ def annotated_head(response: DetectResponse, body: bytes) -> bytes:
 
 def _compose(counts: Counts, body: bytes, marks: list[dict[str, Any]], extras: dict[str, Any]) -> bytes:
     size = _size(counts.vertices, counts.faces)
-    colored = len(body) == size + 8 * counts.vertices
-    require(colored or len(body) == size, "a body of another size")
+    pictures: Pictures | None = None
+    if len(body) not in (size, size + 8 * counts.vertices):
+        pictures = read_appendix(body, size + 8 * counts.vertices, counts.vertices, counts.faces)
+    colored = len(body) > size
     points = np.frombuffer(body, "<f4", 3 * counts.vertices).reshape(-1, 3)
     faces = np.frombuffer(body, "<u4", 3 * counts.faces, 12 * counts.vertices)
     require_numbers(points)
@@ -145,28 +160,28 @@ def _compose(counts: Counts, body: bytes, marks: list[dict[str, Any]], extras: d
             }
         )
         attributes["COLOR_0"] = first + 2
-    shapes = [(first, 0)] + ([(0, 1), (0, 2), (2, 3), (2, 4)] if marks else [])
-    nodes = [{"name": "mesh", "mesh": 0, "matrix": _columns(matrix), "extras": extras}, *marks]
+    shapes = [(0, 1), (0, 2), (2, 3), (2, 4)] if marks else []
     # Colours of vertices are multiplied by that of the material: it is white where there are some.
-    materials = [[1.0] * 4 if colored else _GREY, *(_MATERIALS[1:] if marks else ())]
+    materials = [_material(colour) for colour in ([1.0] * 4 if colored else _GREY, *(_MATERIALS[1:] if marks else ()))]
+    own = [{"attributes": attributes, "indices": first + 1, "material": 0}]
+    images: dict[str, Any] = {}
+    if pictures is not None:
+        own, images = _with_pictures(pictures, counts.vertices, len(data), own[0], views, accessors, materials)
+    nodes = [{"name": "mesh", "mesh": 0, "matrix": _columns(matrix), "extras": extras}, *marks]
     document = {
         "asset": {"version": "2.0", "generator": "prsnet"},
         "scene": 0,
         "scenes": [{"nodes": list(range(len(nodes)))}],
         "nodes": nodes,
         "meshes": [
-            {
-                "primitives": [
-                    {
-                        "attributes": attributes if material == 0 else {"POSITION": accessor},
-                        "indices": accessor + 1,
-                        "material": material,
-                    }
-                ]
-            }
-            for accessor, material in shapes
+            {"primitives": own},
+            *(
+                {"primitives": [{"attributes": {"POSITION": place}, "indices": place + 1, "material": material}]}
+                for place, material in shapes
+            ),
         ],
-        "materials": [_material(colour) for colour in materials],
+        "materials": materials,
+        **images,
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(data) + len(body)}],
@@ -181,6 +196,40 @@ def _compose(counts: Counts, body: bytes, marks: list[dict[str, Any]], extras: d
             struct.pack("<I4s", len(data) + len(body), b"BIN\0"), data,
         ]
     )  # fmt: skip
+
+
+def _with_pictures(
+    pictures: Pictures,
+    vertices: int,
+    before: int,
+    whole: dict[str, Any],
+    views: list[dict[str, Any]],
+    accessors: list[dict[str, Any]],
+    materials: list[dict[str, Any]],
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """The primitives of a mesh with pictures, one for each, and the lists of images and textures.
+
+    ``whole`` is the primitive of all triangles; what the parts refer to is appended to the lists that are given. The
+    body stands behind so many bytes ``before`` it.
+    """
+    views.append({"buffer": 0, "byteOffset": before + pictures.places, "byteLength": 8 * vertices})
+    accessors.append({"bufferView": len(views) - 1, "componentType": _F32, "count": vertices, "type": "VEC2"})
+    attributes = {**whole["attributes"], "TEXCOORD_0": len(accessors) - 1}
+    triangles = accessors[int(whole["indices"])]
+    first_view, first_material = len(views), len(materials)
+    for index, laid in enumerate(pictures.laid):
+        views.append({"buffer": 0, "byteOffset": before + laid.start, "byteLength": laid.length})
+        materials.append(_material([1.0] * 4))
+        materials[-1]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": index}
+    parts, at = list[dict[str, Any]](), 0
+    groups = [(pictures.plain, 0), *((each.faces, first_material + k) for k, each in enumerate(pictures.laid))]
+    for faces, material in groups:
+        if faces:
+            accessors.append({**triangles, "byteOffset": 12 * at, "count": 3 * faces})
+            parts.append({"attributes": attributes, "indices": len(accessors) - 1, "material": material})
+        at += faces
+    images = [{"bufferView": first_view + k, "mimeType": each.media_type} for k, each in enumerate(pictures.laid)]
+    return parts, {"images": images, "textures": [{"source": k} for k in range(len(images))]}
 
 
 def _material(colour: list[float]) -> dict[str, Any]:

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from app.schemas import DetectResponse
+from model.meshes.texture import Texture
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 
@@ -22,31 +24,53 @@ class Counts:
     bounds: list[list[float]]
 
 
+class Body(Protocol):
+    """Writes geometry as bytes; colours and pictures where the format has them."""
+
+    def __call__(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        bounds: list[list[float]],
+        colors: ByteArray | None = None,
+        texture: Texture | None = None,
+        /,
+    ) -> bytes:
+        """Raises ``MeshError`` where it does not fit."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class MeshWriter:
     """A format: ``head(counts, body) + body`` is a file.
 
     Attributes:
-        body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32, and colours ``(v, 4)`` uint8 if there are any and the
-            format has them, as bytes; raises ``MeshError`` where they do not fit.
+        body: geometry ``(v, 3)`` float64 and ``(f, 3)`` int32, colours ``(v, 4)`` uint8 and pictures if there are any
+            and the format has them, as bytes.
         head: what stands before it. Raises `BodyError` when the body is not such a geometry: of another size, with
             numbers that are none, with indices out of range.
-        size: bytes of the body without colours by the numbers of vertices and faces; the most there can be where
-            ``varies``.
+        size: bytes of the body without colours and pictures by the numbers of vertices and faces; the most there can be
+            where ``varies``.
         varies: whether the size depends on the numbers themselves, as in a text.
         annotated_head: ``head`` for a file that shows the symmetries beside the mesh; None where the format cannot.
     """
 
-    body: Callable[[FloatArray, IntArray, list[list[float]], ByteArray | None], bytes]
+    body: Body
     head: Callable[[Counts, bytes], bytes]
     size: Callable[[int, int], int]
     varies: bool = False
     annotated_head: Callable[[DetectResponse, bytes], bytes] | None = None
 
-    def file(self, vertices: FloatArray, faces: IntArray, colors: ByteArray | None = None) -> bytes:
+    def file(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        colors: ByteArray | None = None,
+        texture: Texture | None = None,
+    ) -> bytes:
         """The whole file."""
         bounds = bounds_of(vertices, faces)
-        body = self.body(vertices, faces, bounds, colors)
+        body = self.body(vertices, faces, bounds, colors, texture)
         return self.head(Counts(len(vertices), len(faces), bounds), body) + body
 
 

@@ -4,13 +4,20 @@ import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require
 from app.outputs.output_format import OutputFormat
+from model.meshes.texture import Texture
 from model.types import ByteArray, FloatArray, IntArray
 
 _ALPHABET = b"vf 0123456789.e+-\n"
 _HEAD = b"# written by prsnet\n"
 
 
-def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]], colors: ByteArray | None = None) -> bytes:
+def _body(
+    vertices: FloatArray,
+    faces: IntArray,
+    bounds: list[list[float]],
+    colors: ByteArray | None = None,
+    texture: Texture | None = None,
+) -> bytes:
     if colors is None:
         points = "v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
     else:  # behind the position, as many programs read and write them

@@ -4,6 +4,7 @@ import numpy as np
 
 from app.outputs.mesh_file import Counts, MeshWriter, require, require_indices, require_numbers
 from app.outputs.output_format import OutputFormat
+from model.meshes.texture import Texture
 from model.types import ByteArray, FloatArray, IntArray
 
 _FACE = np.dtype([("corners", "u1"), ("indices", "<i4", 3)])
@@ -26,7 +27,13 @@ _COLORS = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"
 _VERTEX = np.dtype([("position", "<f8", 3), ("color", "u1", 4)])
 
 
-def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]], colors: ByteArray | None = None) -> bytes:
+def _body(
+    vertices: FloatArray,
+    faces: IntArray,
+    bounds: list[list[float]],
+    colors: ByteArray | None = None,
+    texture: Texture | None = None,
+) -> bytes:
     records = np.empty(len(faces), dtype=_FACE)
     records["corners"] = 3
     records["indices"] = faces

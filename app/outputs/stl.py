@@ -5,13 +5,20 @@ import numpy as np
 from app.outputs.mesh_file import Counts, MeshWriter, require, require_numbers
 from app.outputs.output_format import OutputFormat
 from model.errors import DegenerateMeshError
+from model.meshes.texture import Texture
 from model.types import ByteArray, FloatArray, IntArray
 
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _TITLE = b"binary STL written by prsnet"
 
 
-def _body(vertices: FloatArray, faces: IntArray, bounds: list[list[float]], colors: ByteArray | None = None) -> bytes:
+def _body(
+    vertices: FloatArray,
+    faces: IntArray,
+    bounds: list[list[float]],
+    colors: ByteArray | None = None,
+    texture: Texture | None = None,
+) -> bytes:
     largest = float(np.finfo(np.float32).max) / 4.0
     if max(abs(value) for corner in bounds for value in corner) > largest:
         raise DegenerateMeshError("The coordinates are beyond the range of STL; another format can hold them.")

@@ -42,7 +42,9 @@ def perform(
         body = _body(MESH_WRITERS[job.geometry or "ply"], mesh, edited.mesh.bounds, _most(job))
         return edited.model_dump_json(by_alias=True).encode(), body
     options = Options(job.mode, job.max_error, job.include, job.level, job.tolerance)
-    response, mesh = detect_file(detector, data, job.filename, options, limits, on_parsed, resources)
+    response, mesh = detect_file(
+        detector, data, job.filename, options, limits, on_parsed, resources, looks=job.geometry is not None
+    )
     text = to_json(response, options.include)
     if job.geometry is None:
         return text, None
@@ -59,7 +61,7 @@ def _body(writer: MeshWriter, mesh: Mesh, bounds: list[list[float]], most: int) 
     # Before anything is made where the size is known; a text may be far smaller than the most it can be.
     if not writer.varies and writer.size(len(mesh.vertices), len(mesh.faces)) > most:
         raise MeshTooLargeError(_too_large(most))
-    body = writer.body(mesh.vertices, mesh.faces, bounds, mesh.colors)
+    body = writer.body(mesh.vertices, mesh.faces, bounds, mesh.colors, mesh.texture)
     if len(body) > most:
         raise MeshTooLargeError(_too_large(most))
     return body

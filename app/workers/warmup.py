@@ -74,7 +74,23 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     colored = f"{header.format('ascii', len(_MIXED))}{corners}\n{faces}\n".encode()
     for task in ("halve", "align"):
         jobs.append((Job("colored.ply", "full", size=len(colored), task=task, geometry="ply", **common), colored))
+    parts = _painted()
+    painted = b"".join(content for _, content in parts)
+    ways = {"task": "halve", "geometry": "glb", "plane": [1.0, 0.0, 0.0, -0.5]}
+    ways["parts"] = [[name, len(content)] for name, content in parts]
+    jobs.append((Job("box.obj", "full", size=len(painted), **ways, **common), painted))
     return jobs
+
+
+def _painted() -> list[tuple[str, bytes]]:
+    """The box with a picture: the mesh, its materials and what passes for a picture."""
+    faces = "".join("f " + " ".join(f"{index + 1}/1" for index in face) + "\n" for face in _MIXED)
+    text = "mtllib box.mtl\nv " + _lines(_CORNERS, "\nv ") + "\nvt 0.5 0.5\nusemtl a\n" + faces
+    return [
+        ("box.obj", text.encode()),
+        ("box.mtl", b"newmtl a\nKd 1 0 0\nmap_Kd box.png\n"),
+        ("box.png", b"\x89PNG\r\n\x1a\n"),
+    ]
 
 
 def sample_files() -> list[tuple[str, bytes]]:

@@ -2,16 +2,18 @@
 
 import zipfile
 import zlib
+from dataclasses import replace
 from io import BytesIO
 from xml.parsers import expat
 
 import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError
+from model.formats._3mf_colors import split
 from model.formats._3mf_package import Key, Object, Package, Reference
 from model.formats._common import Limits, RawMesh, Reader, alone
 from model.meshes.clipping import remove_unreferenced_vertices
-from model.types import FloatArray, IntArray
+from model.types import ByteArray, FloatArray, IntArray
 
 _SUPPORTS = ("support", "solidsupport")
 _NO_SHAPE = "other"
@@ -59,7 +61,7 @@ class _Builder:
         self._roles = package.roles
         self._limits = limits
         self._counts: dict[Key, tuple[int, int, int]] = {}
-        self._cache: dict[Key, tuple[FloatArray, IntArray]] = {}
+        self._cache: dict[Key, tuple[FloatArray, IntArray, ByteArray | None]] = {}
         self._left_out = 0
         self._negative = 0
 
@@ -74,6 +76,7 @@ class _Builder:
                 raise MeshTooLargeError("The 3MF file places too many objects.")
         points = np.empty((vertices, 3))
         triangles = np.empty((faces, 3), dtype=np.int32)
+        paints = np.full((faces if self._limits.looks else 0, 3, 4), 255, dtype=np.uint8)
         vertex, face = 0, 0
         waiting = list(reversed(self._package.build))
         while waiting:
@@ -81,18 +84,27 @@ class _Builder:
             item = self._objects[placed.target]
             if not self._is_shape(item):
                 continue
-            local, corners = self._arrays(placed.target)
+            local, corners, colors = self._arrays(placed.target)
             end = vertex + len(local)
             np.matmul(local, placed.matrix[:3], out=points[vertex:end])
             points[vertex:end] += placed.matrix[3]
             triangles[face : face + len(corners)] = corners + vertex
+            if colors is not None:
+                paints[face : face + len(corners)] = colors
             vertex = end
             face += len(corners)
             for component in reversed(self._components(placed.target)):
                 matrix = component.matrix @ placed.matrix[:3]
                 matrix[3] += placed.matrix[3]
                 waiting.append(Reference(component.target, matrix))
-        return RawMesh(points[:vertex], triangles[:face], self._package.units, self._warnings())
+        raw = RawMesh(points[:vertex], triangles[:face], self._package.units, self._warnings())
+        if not self._limits.looks or not (paints[:face] != 255).any():
+            several = sum(
+                len(entries) for palette in self._package.palettes.values() for entries in palette.groups.values()
+            )
+            return replace(raw, painted=self._package.painted and several > 1 and not self._limits.looks)
+        which, own, tints = split(raw.faces, paints[:face])
+        return replace(raw, vertices=raw.vertices[which], faces=own, colors=tints)
 
     def _warnings(self) -> tuple[str, ...]:
         found: list[str] = []
@@ -124,16 +136,23 @@ class _Builder:
                 kept.append(component)
         return kept
 
-    def _arrays(self, key: Key) -> tuple[FloatArray, IntArray]:
+    def _arrays(self, key: Key) -> tuple[FloatArray, IntArray, ByteArray | None]:
+        """Vertices, faces, and if they are wanted colours (f, 3, 4) of their corners."""
         if key not in self._cache:
-            vertices, faces = _arrays(self._objects[key])
+            item = self._objects[key]
+            vertices, faces = _arrays(item)
+            colors: ByteArray | None = None
+            if self._limits.looks:
+                paints = np.array(item.paints, dtype=np.int64).reshape(-1, 4)
+                colors = self._package.palettes[key[0]].corners(paints)
             if key[0] == self._package.start:
                 kept, helpers, negative = self._roles.triangles(key[1], len(faces))
                 if not kept.all():
                     vertices, faces, _ = remove_unreferenced_vertices(vertices, faces[kept])
+                    colors = None if colors is None else colors[kept]
                 self._left_out += helpers
                 self._negative += negative
-            self._cache[key] = vertices, faces
+            self._cache[key] = vertices, faces, colors
         return self._cache[key]
 
     def _count(self, key: Key, path: tuple[Key, ...]) -> tuple[int, int, int]:

@@ -11,6 +11,7 @@ from xml.parsers import expat
 import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
+from model.formats._3mf_colors import Palette, number
 from model.formats._3mf_slicers import CURA, Roles, SlicerReader
 from model.formats._common import Limits
 from model.types import FloatArray
@@ -54,6 +55,9 @@ class Object:
     faces: "array[int]" = field(default_factory=lambda: array("q"))
     components: list[Reference] = field(default_factory=list[Reference])
     settings: dict[str, str] = field(default_factory=dict[str, str])  # of Cura
+    # Group of colours and the entries of three corners, -1 for none: of every triangle if wanted, and of the object.
+    paints: "array[int]" = field(default_factory=lambda: array("q"))
+    paint: tuple[int, int] = (-1, -1)
 
 
 class Package:
@@ -70,6 +74,8 @@ class Package:
         self.build: list[Reference] = []
         self.units = "millimeter"
         self.roles = Roles()
+        self.palettes: dict[str, Palette] = {}
+        self.painted = False
         self.has_other_shapes = False
         self.start = self._find_start()
 
@@ -189,6 +195,7 @@ class _PartReader:
         self._limits = limits
         self._object: Object | None = None
         self._setting = ""
+        self._palette = package.palettes.setdefault(part, Palette())
 
     def begin(self, name: str, attributes: dict[str, str]) -> None:
         """An element starts."""
@@ -200,23 +207,39 @@ class _PartReader:
             names = [value for key, value in attributes.items() if key.rpartition(" ")[2] in ("name", "key")]
             self._setting = names[0].rpartition(":")[2] if names else ""
             return
+        if self._palette.begin(local, attributes):
+            self._package.count_node()
         if namespace and not namespace.startswith(_CORE):
             return
         if local == "vertex" and item is not None:
             item.vertices.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
         elif local == "triangle" and item is not None:
             item.faces.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"])))
+            self._paint(item, attributes)
         elif local == "component" and item is not None:
             item.components.append(self._reference(attributes))
         elif local == "object":
             self._package.count_node()
-            self._object = Object(attributes.get("type", "model"))
+            paint = number(attributes.get("pid")), number(attributes.get("pindex"))
+            self._object = Object(attributes.get("type", "model"), paint=paint)
+            self._package.painted = self._package.painted or paint[0] >= 0
             self._package.objects[self._part, attributes["id"]] = self._object
         elif local == "item" and self._part == self._package.start:
             self._package.build.append(self._reference(attributes))
         elif local == "model" and self._part == self._package.start:
             units = attributes.get("unit", "millimeter")
             self._package.units = units if units in _UNITS else "millimeter"
+
+    def _paint(self, item: Object, attributes: dict[str, str]) -> None:
+        """Note which colours a triangle has, or that it has some."""
+        if not self._limits.looks:
+            self._package.painted = self._package.painted or "p1" in attributes
+            return
+        group, entry = item.paint
+        if "p1" in attributes:
+            group = number(attributes["pid"]) if "pid" in attributes else group
+            entry = number(attributes["p1"])
+        item.paints.extend((group, entry, number(attributes.get("p2")), number(attributes.get("p3"))))
 
     def text(self, text: str) -> None:
         """Characters between the tags."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from model.formats.reading import read_mesh
 
-__all__ = ["FORMATS", "SOUGHT", "MeshFormat", "format_list", "read_mesh"]
+__all__ = ["ARCHIVE", "FORMATS", "SOUGHT", "MeshFormat", "format_list", "read_mesh"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,10 @@ FORMATS: dict[str, MeshFormat] = {
 
 SOUGHT = frozenset(format.extension for format in FORMATS.values() if format.sought)
 """What is looked for in folders."""
+
+
+ARCHIVE = "zip"
+"""The extension of archives that are read for the one mesh that is in them."""
 
 
 def format_list() -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from model._jit import kernel_array
 from model.errors import MeshTooLargeError, UnreadableMeshError
+from model.meshes.texture import Texture
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 MOST_NODES = 1 << 20
@@ -27,6 +28,8 @@ class RawMesh:
         units: the file's length unit, if it names one.
         warnings: what was left out or guessed, as sentences that quote nothing of the file.
         colors: (v, 4) uint8 sRGB with opacity, if there are any.
+        texture: pictures on the surface, if they were asked for and are at hand.
+        painted: whether materials that were not asked for give it several colours or pictures.
     """
 
     vertices: AnyArray
@@ -34,6 +37,8 @@ class RawMesh:
     units: str | None = None
     warnings: tuple[str, ...] = ()
     colors: ByteArray | None = None
+    texture: Texture | None = None
+    painted: bool = False
 
 
 Resources: TypeAlias = Callable[[str], bytes | None]
@@ -47,12 +52,16 @@ def no_resources(name: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The largest file the caller accepts, by what is in it; None means any."""
+    """The largest file the caller accepts, by what is in it, None meaning any; and whether its looks are wanted.
+
+    ``looks``: colours of materials and pictures are read too. Vertices where they meet then become several.
+    """
 
     max_vertices: int | None = None
     max_faces: int | None = None
     max_nodes: int = MOST_NODES
     max_unpacked_bytes: int = MOST_UNPACKED_BYTES
+    looks: bool = False
 
     def check(self, vertices: int = 0, faces: int = 0, nodes: int = 0) -> None:
         """Raise MeshTooLargeError if the counts, known or announced by a header, are beyond the limits."""

@@ -23,7 +23,7 @@ _NEXT_STEPS: dict[str, str] = {
          "vrml", "abc", "lwo", "x", "amf", "vrm", "b3dm", "ctm", "msh", "vtk", "vtp", "vtu"),
         _EXPORT,
     ),
-    **dict.fromkeys(("zip", "gz", "tgz", "bz2", "xz", "7z", "rar", "tar", "zst"), _UNPACK),
+    **dict.fromkeys(("gz", "tgz", "bz2", "xz", "7z", "rar", "tar", "zst"), _UNPACK),
     **dict.fromkeys(("laz", "e57", "ptx", "copc"), _POINTS),
     **dict.fromkeys(("mtl", "png", "jpg", "jpeg", "bmp", "tga", "txt", "pdf", "html", "json"), _NO_GEOMETRY),
     "bin": "It holds the numbers of a .gltf file; send that file, with this one beside it.",
@@ -92,7 +92,8 @@ def _archive(data: bytes) -> str:
         return ""
     meshes = [kind for kind in kinds if kind in FORMATS]
     if len(meshes) == 1:
-        return f"a zip archive that holds one mesh, in {FORMATS[meshes[0]].label}. Unpack it and send that."
+        label = FORMATS[meshes[0]].label
+        return f"a zip archive that holds one mesh, in {label}. Name it .zip, or unpack it and send that."
     if meshes:
         return f"a zip archive that holds {len(meshes)} meshes. Unpack it and send one of them."
     return "a zip archive without a mesh in it. Send the mesh itself."

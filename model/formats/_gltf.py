@@ -1,6 +1,7 @@
 """glTF 2.0: the containers. GLB, and JSON with buffers embedded or in files that the caller has at hand."""
 
 import json
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -11,7 +12,8 @@ from model.formats._gltf_bodies import Bodies
 from model.formats._gltf_buffers import Buffers
 from model.formats._gltf_scene import Scene
 from model.meshes.colors import from_linear
-from model.types import ByteArray, FloatArray, IntArray
+from model.meshes.texture import texture
+from model.types import ByteArray, FloatArray
 
 _MAGIC = b"glTF"
 # What a file may require: read here, or without influence on where the surface is.
@@ -19,7 +21,8 @@ _KNOWN = frozenset(
     {
         "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "EXT_mesh_gpu_instancing",
         "KHR_mesh_quantization", "KHR_node_visibility", "KHR_texture_transform", "KHR_texture_basisu",
-        "KHR_lights_punctual", "KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld", "KHR_techniques_webgl",
+        "KHR_lights_punctual", "KHR_animation_pointer", "KHR_xmp", "KHR_xmp_json_ld",
+        "KHR_techniques_webgl", "KHR_technique_webgl",
         "KHR_node_hoverability", "KHR_node_selectability", "EXT_texture_webp", "EXT_texture_avif",
         "EXT_lights_image_based", "EXT_mesh_features", "EXT_instance_features", "EXT_structural_metadata",
         "EXT_mesh_manifold", "MSFT_texture_dds", "MSFT_packing_normalRoughnessMetallic",
@@ -94,15 +97,16 @@ def _read(text: bytes, binary: bytes | None, limits: Limits, resources: Resource
         buffers = Buffers(document, binary, resources)
         scene = Scene(document, buffers, limits)
         bodies = Bodies(document, buffers, limits)
-        vertices, faces, colors = _flatten(scene, bodies, limits)
+        raw = _flatten(scene, bodies, limits)
         # The format fixes the unit.
-        return RawMesh(vertices, faces, "meter", (*scene.warnings, *bodies.warnings), colors)
+        warnings = (*scene.warnings, *bodies.warnings)
+        return replace(raw, units="meter", warnings=warnings, painted=bodies.looks.painted)
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UnreadableMeshError("The glTF file breaks the rules of its format.") from error
 
 
-def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, IntArray, ByteArray | None]:
-    """Vertices, faces and colours of all instances; the size of the result is checked before it exists."""
+def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> RawMesh:
+    """Vertices, faces and looks of all instances; the size of the result is checked before it exists."""
     vertices, faces = 0, 0
     shown = [(bodies.get(placed.mesh, placed.weights), placed) for placed in scene.placed]
     for body, placed in shown:
@@ -117,22 +121,29 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> tuple[FloatArray, 
     colors: ByteArray | None = None
     if any(body.light is not None for body, _ in shown):
         colors = np.full((vertices, 4), 255, dtype=np.uint8)
+    places, pictures = np.empty((0, 2)), np.empty(0, dtype=np.int32)
+    if any(body.pictures is not None for body, _ in shown):
+        places, pictures = np.zeros((vertices, 2)), np.full(faces, -1, dtype=np.int32)
     vertex, face = 0, 0
     for body, placed in shown:
         count = len(body.vertices)
         skin = None if placed.skin is None or body.joints is None else scene.joint_matrices(placed.skin)
         for matrix in placed.matrices[: 1 if placed.skin is not None else None]:
             part = all_vertices[vertex : vertex + count]
-            if skin is None:
-                _place(body.vertices, matrix, part)
-            else:
-                part[:] = body.posed(skin)
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found by the checks of `Mesh`
+                if skin is None:
+                    _place(body.vertices, matrix, part)
+                else:
+                    part[:] = body.posed(skin)
             np.add(body.faces, vertex, out=all_faces[face : face + len(body.faces)], dtype=np.int32)
             if colors is not None and body.light is not None:
                 colors[vertex : vertex + count] = from_linear(body.light)
+            if body.pictures is not None:
+                places[vertex : vertex + count] = body.places
+                pictures[face : face + len(body.faces)] = body.pictures
             vertex += count
             face += len(body.faces)
-    return all_vertices, all_faces, colors
+    return RawMesh(all_vertices, all_faces, colors=colors, texture=texture(places, pictures, bodies.looks.pictures))
 
 
 def _place(vertices: FloatArray, matrix: FloatArray, out: FloatArray) -> None:

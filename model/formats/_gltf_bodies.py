@@ -9,6 +9,7 @@ import numpy as np
 from model.errors import UnreadableMeshError
 from model.formats._common import Limits, as_indices, no_faces, strip
 from model.formats._gltf_buffers import Buffers
+from model.formats._gltf_looks import Looks
 from model.types import AnyArray, FloatArray, IntArray
 
 _draco: Any = importlib.import_module("DracoPy")  # it has no type information
@@ -26,6 +27,8 @@ class Body:
     joints: IntArray | None = None
     weights: FloatArray | None = None
     light: FloatArray | None = None  # (v, 4) linear colours, if any part has some
+    places: AnyArray | None = None  # (v, 2) in pictures, with pictures, (f,), the number of that on each face
+    pictures: IntArray | None = None
 
     def posed(self, matrices: FloatArray) -> FloatArray:
         """The vertices (v, 3) where the joints' matrices (j, 4, 4) take them."""
@@ -49,6 +52,7 @@ class Bodies:
         self._limits = limits
         self._bodies: dict[tuple[int, tuple[float, ...]], Body] = {}
         self._without_surface = 0
+        self.looks = Looks(document, buffers, limits.looks)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -73,6 +77,8 @@ class Bodies:
         faces: list[IntArray] = [no_faces()]
         influences: list[tuple[IntArray, FloatArray] | None] = []
         light: list[FloatArray] = []
+        places: list[AnyArray] = []
+        pictures: list[IntArray] = []
         starts: dict[Any, tuple[int, int]] = {}
         total, made = 0, 0
         for primitive in mesh["primitives"]:
@@ -83,6 +89,7 @@ class Bodies:
                 continue
             draco = primitive.get("extensions", {}).get(_DRACO)
             mode = mode if draco is None else _TRIANGLES  # Draco stores strips as triangles too
+            picture = self.looks.picture(primitive)
             key = (
                 attributes["POSITION"],
                 repr(primitive.get("targets")),
@@ -90,19 +97,25 @@ class Bodies:
                 repr(draco),
                 primitive.get("material"),
                 attributes.get("COLOR_0"),
+                attributes.get(f"TEXCOORD_{self.looks.channel(primitive)}") if picture >= 0 else None,
             )
             indices: IntArray | None = None
+            decoded: AnyArray | None = None
             if key not in starts or draco is not None:
                 self._limits.check(vertices=total + self._buffers.count(attributes["POSITION"]))
                 if draco is None:
                     points = self._buffers.accessor(attributes["POSITION"], 3).astype(np.float64)
                 else:
-                    points, indices = self._decoded(draco)
+                    points, indices, decoded = self._decoded(draco)
                 points = self._morphed(points, primitive.get("targets", ()), weights)
                 starts[key] = total, len(points)
                 vertices.append(points)
                 influences.append(self._influences(attributes, len(points)))
-                light.append(self._light(primitive, len(points), draco is None))
+                light.append(self.looks.light(primitive, len(points), draco is None))
+                if picture >= 0:
+                    places.append(self.looks.places(primitive, len(points), decoded))
+                else:
+                    places.append(np.broadcast_to(np.zeros((1, 2)), (len(points), 2)))
                 total += len(points)
             start, count = starts[key]
             if indices is not None:
@@ -117,13 +130,17 @@ class Bodies:
             triangles = _triangles(indices, mode)
             faces.append(triangles + np.int32(start) if start else triangles)
             made += len(faces[-1])
+            pictures.append(np.full(len(faces[-1]), picture, dtype=np.int32))
             self._limits.check(vertices=total, faces=made)
         tinted = _joined(light, 4)
+        drawn = any(len(part) and part[0] >= 0 for part in pictures)
         return Body(
             _joined(vertices, 3),
             faces[1] if len(faces) == 2 else np.concatenate(faces),
             *_joined_influences(influences, [len(part) for part in vertices]),
             light=tinted if tinted.size and bool((tinted != 1.0).any()) else None,
+            places=_joined(places, 2) if drawn else None,
+            pictures=np.concatenate(pictures) if drawn else None,
         )
 
     def _morphed(self, points: FloatArray, targets: Any, weights: tuple[float, ...]) -> FloatArray:
@@ -150,36 +167,19 @@ class Bodies:
         much[sums == 0.0, 0] = 1.0
         return which, much / np.where(sums == 0.0, 1.0, sums)[:, None]
 
-    def _light(self, primitive: Any, count: int, stored: bool) -> FloatArray:
-        """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white."""
-        light = np.ones((1, 4))
-        attributes = primitive["attributes"]
-        try:
-            if stored and "COLOR_0" in attributes:
-                width = 3 if self._json["accessors"][attributes["COLOR_0"]]["type"] == "VEC3" else 4
-                values = self._buffers.accessor(attributes["COLOR_0"], width).astype(np.float64)
-                if len(values) == count:
-                    light = np.ones((count, 4))
-                    light[:, :width] = values
-            if "material" in primitive:
-                surface = self._json["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
-                light = light * np.array(surface.get("baseColorFactor", [1.0] * 4), dtype=np.float64).reshape(4)
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError, UnreadableMeshError):
-            light = np.ones((1, 4))  # a shape with broken colours is a shape all the same
-        return np.broadcast_to(light, (count, 4))
-
     def _check_faces(self, index: int, mode: int, made: int) -> None:
         """Primitives may share indices: a few bytes of JSON can ask for as many triangles as there are bytes."""
         count = self._buffers.count(index)
         self._limits.check(faces=made + (count // 3 if mode == _TRIANGLES else max(count - 2, 0)))
 
-    def _decoded(self, draco: Any) -> tuple[FloatArray, IntArray]:
-        """Positions and indices of a primitive that is compressed with Draco."""
+    def _decoded(self, draco: Any) -> tuple[FloatArray, IntArray, AnyArray | None]:
+        """Positions, indices and places in the picture of a primitive that is compressed with Draco."""
         data = self._buffers.bytes_of(draco["bufferView"])
         try:
             mesh = _draco.decode(data)
             points = np.array(mesh.points, dtype=np.float64).reshape(-1, 3)
-            return points, as_indices(np.array(mesh.faces).reshape(-1))
+            places = None if mesh.tex_coord is None else np.array(mesh.tex_coord, dtype=np.float64).reshape(-1, 2)
+            return points, as_indices(np.array(mesh.faces).reshape(-1)), places
         except MemoryError:
             raise
         except Exception as error:

@@ -43,6 +43,14 @@ class Buffers:
         buffer, start, end, _ = self._view(index)
         return buffer[start:end]
 
+    def image(self, index: int) -> bytes | None:
+        """The file of an image; None where it is not at hand."""
+        image = self._json["images"][index]
+        if "bufferView" in image:
+            return self.bytes_of(image["bufferView"])
+        uri = image["uri"]
+        return _embedded(uri) if uri[:5].lower() == "data:" else self._resources(uri)
+
     def _view(self, index: int) -> tuple[bytes, int, int, int]:
         """Buffer, first byte, end, and stride (0 if packed) of a buffer view."""
         view = self._json["bufferViews"][index]

@@ -1,12 +1,14 @@
-"""OBJ: positions and faces of all objects and groups; what else there is is ignored, no file is opened."""
+"""OBJ: positions and faces of all objects and groups, and their looks where they are wanted; no file is opened."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
 from model._jit import jit
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh, Reader, alone
+from model.formats._common import Limits, RawMesh, Reader, Resources, no_resources
+from model.formats._obj_looks import is_painted, with_looks
 from model.formats._polygons import triangulate
 from model.formats._text import as_bytes, parse_number, unix_lines
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
@@ -24,22 +26,29 @@ def is_obj(data: bytes) -> bool:
     return b"\0" not in data[:1024] and _LINE.search(data[: 1 << 16]) is not None
 
 
-def read_obj(data: bytes, limits: Limits) -> RawMesh:
+def read_obj(data: bytes, limits: Limits, resources: Resources = no_resources) -> RawMesh:
     """Faces may be any polygons; negative indices count back from the latest vertex."""
     if b"\0" in data[:4096]:
         raise UnreadableMeshError("The OBJ file is not text.")
-    raw = as_bytes(unix_lines(data))
+    data = unix_lines(data)
+    raw = as_bytes(data)
     vertex_count, polygon_count, corner_count, triangle_count = _count(raw)
     limits.check(vertex_count, triangle_count)
     vertices = np.empty((vertex_count, 3))
     tints = np.empty((vertex_count, 3))
     corners = np.empty(corner_count, dtype=np.int32)
-    lengths = np.empty(polygon_count, dtype=np.int64)
-    fault = _read(raw, vertices, tints, corners, lengths)
+    lengths, starts = np.empty(polygon_count, dtype=np.int64), np.empty(polygon_count, dtype=np.int64)
+    fault = _read(raw, vertices, tints, corners, lengths, starts)
     if fault:
         raise UnreadableMeshError(_FAULTS[fault])
     triangles = triangulate(vertices, corners, lengths, limits)
-    return RawMesh(vertices, triangles.faces, warnings=triangles.warnings, colors=_colors(tints))
+    mesh = RawMesh(vertices, triangles.faces, warnings=triangles.warnings, colors=_colors(tints))
+    if not limits.looks:
+        return replace(mesh, painted=is_painted(data, resources))
+    places = triangles.places
+    if places is None:
+        places = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    return with_looks(raw.tobytes(), mesh, starts, lengths, places, resources)
 
 
 def _colors(tints: FloatArray) -> ByteArray | None:
@@ -134,7 +143,9 @@ def _word_end(data: ByteArray, at: int) -> int:
 
 
 @jit
-def _read(data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: IntArray, lengths: AnyArray) -> int:
+def _read(
+    data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: IntArray, lengths: AnyArray, starts: AnyArray
+) -> int:
     """Fill vertices and polygons; 0, or the number of a fault."""
     at, vertex, polygon, corner = 0, 0, 0, 0
     end = data.shape[0]
@@ -158,7 +169,7 @@ def _read(data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: Int
                 at = after if fine else at
             vertex += 1
         elif kind == 2:
-            first = corner
+            first, starts[polygon] = corner, at
             at = _blanks(data, at + 1)
             while not _ends(data, at):
                 negative = data[at] == 45
@@ -184,4 +195,4 @@ def _read(data: ByteArray, vertices: FloatArray, tints: FloatArray, corners: Int
     return 0
 
 
-READERS = {"obj": Reader(alone(read_obj), is_obj, may_be_text=True)}
+READERS = {"obj": Reader(read_obj, is_obj, may_be_text=True)}

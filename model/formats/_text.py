@@ -13,10 +13,29 @@ _POWERS = np.array([float(f"1e{exponent}") for exponent in range(309)])
 _DECIMAL_COMMA = re.compile(rb"(?:^|[ \t])[-+]?[0-9]+,[0-9]+(?:[eE][-+]?[0-9]+)?(?=[ \t\r\n]|\Z)", re.MULTILINE)
 
 
+_WIDE = (b"\xff\xfe", b"\xfe\xff")
+
+
 def as_bytes(data: bytes) -> ByteArray:
     """The bytes as an array, without a copy and without a byte-order mark."""
     array = np.frombuffer(data, dtype=np.uint8)
     return array[3:] if data[:3] == b"\xef\xbb\xbf" else array
+
+
+def narrow(data: bytes) -> bytes:
+    """Text of 16 bits a letter, as some systems write it and its first two bytes tell, as UTF-8; other data as is.
+
+    A mark at the beginning that only tells the encoding is left out.
+    """
+    if data[:3] == b"\xef\xbb\xbf":
+        return data[3:]
+    if data[:2] not in _WIDE:
+        return data
+    try:
+        text = data.decode("utf-16").encode()
+    except UnicodeDecodeError:
+        return data
+    return data if b"\0" in text[:1024] else text
 
 
 def unix_lines(data: bytes) -> bytes:

@@ -1,5 +1,7 @@
 """What is done about a file that is not quite a mesh: points are joined, broken faces left out, doubts are told."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from model._jit import jit, kernel_array
@@ -36,7 +38,14 @@ def without_broken_faces(raw: RawMesh) -> RawMesh:
         return raw
     some = "1 face was" if broken == 1 else f"{broken} faces were"
     warning = f"{some} left out: a corner is missing or not a finite number."
-    return RawMesh(vertices, faces[marks == 0], raw.units, (*raw.warnings, warning), raw.colors)
+    kept = marks == 0
+    return replace(
+        raw,
+        vertices=vertices,
+        faces=faces[kept],
+        warnings=(*raw.warnings, warning),
+        texture=None if raw.texture is None else raw.texture.part(kept),
+    )
 
 
 def joined_points(raw: RawMesh) -> RawMesh:

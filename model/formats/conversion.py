@@ -39,13 +39,14 @@ MeshLike: TypeAlias = (
 )
 
 
-def as_mesh(value: MeshLike) -> Mesh:
+def as_mesh(value: MeshLike, *, looks: bool = False) -> Mesh:
     """A checked mesh from whatever a caller holds.
 
     Args:
         value: a ``Mesh``; an object with ``vertices`` and ``faces`` (``trimesh.Trimesh``); a ``trimesh.Scene``,
             taken in world coordinates; a pair (vertices, faces); or the path of a mesh file, which may refer to files
             in its folder and below.
+        looks: of a file whether colours of materials and pictures are read too.
 
     Raises:
         MeshError: the mesh cannot be used; the subclass says why.
@@ -56,7 +57,7 @@ def as_mesh(value: MeshLike) -> Mesh:
         return value
     if isinstance(value, str | os.PathLike):
         path = Path(value)
-        return read_mesh(path.read_bytes(), path.name, resources=files_beside(path))
+        return read_mesh(path.read_bytes(), path.name, resources=files_beside(path), looks=looks)
     if isinstance(value, HasScene) and not isinstance(value, HasTriangles):
         return as_mesh(value.to_mesh())
     if isinstance(value, HasTriangles):

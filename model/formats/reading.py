@@ -7,11 +7,12 @@ from pathlib import PurePath
 from typing import cast
 
 from model.errors import MeshError, MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
-from model.formats import FORMATS
+from model.formats import ARCHIVE, FORMATS
+from model.formats._archive import open_archive
 from model.formats._common import MOST_NODES, MOST_UNPACKED_BYTES, Limits, Reader, Resources, no_resources
 from model.formats._foreign import foreign_content, next_step
 from model.formats._meshopt import warm_up_kernels as warm_up_kernels
-from model.formats._text import DECIMAL_COMMAS, has_decimal_commas
+from model.formats._text import DECIMAL_COMMAS, has_decimal_commas, narrow
 from model.formats._usable import joined_points, resolution_warning, without_broken_faces
 from model.meshes.mesh import Mesh
 
@@ -25,13 +26,14 @@ def read_mesh(
     max_nodes: int = MOST_NODES,
     max_unpacked_bytes: int = MOST_UNPACKED_BYTES,
     resources: Resources = no_resources,
+    looks: bool = False,
 ) -> Mesh:
     """The mesh a file holds, in the file's own coordinates.
 
     Scene transforms are applied and all bodies joined into one mesh, as a viewer of the format would show them.
     Vertices at the same place are not merged; polygons become triangles. A few broken faces are left out. A point cloud
     is joined to a surface (`model.meshes.points`). Whatever was left out or guessed is told in ``warnings``. Files that
-    the data refer to are asked for, never opened here.
+    the data refer to are asked for, never opened here. A zip archive that holds one mesh is read for that mesh.
 
     Args:
         data: the whole file.
@@ -39,7 +41,8 @@ def read_mesh(
         max_vertices: the largest number of vertices accepted, or None for any.
         max_faces: the same for triangles.
         max_nodes: the largest number of nodes, objects and placements of a scene.
-        max_unpacked_bytes: the most bytes that the parts of a 3MF archive unpack to.
+        max_unpacked_bytes: the most bytes that the parts of a 3MF or zip archive unpack to.
+        looks: whether colours of materials and pictures are read too, for those who write the mesh again.
         resources: gives the content of a file by the name that the data call it (``chair.bin``), or None.
 
     Raises:
@@ -52,6 +55,9 @@ def read_mesh(
         MemoryError: the process has less memory than the file asks for.
     """
     extension = PurePath(filename).suffix[1:].lower()
+    if extension == ARCHIVE and data:
+        data, filename, resources = open_archive(data, max_unpacked_bytes)
+        extension = PurePath(filename).suffix[1:].lower()
     if extension not in FORMATS:
         known = ", ".join(format.label for format in FORMATS.values())
         raise UnsupportedFormatError(
@@ -59,6 +65,8 @@ def read_mesh(
         )
     if not data:
         raise UnreadableMeshError("The file is empty.")
+    if _readers()[extension].may_be_text:
+        data = narrow(data)
     content = _recognize(data, extension)
     if content != extension:
         if words := foreign_content(data):
@@ -67,7 +75,7 @@ def read_mesh(
             raise UnsupportedFormatError(
                 f"The file is named .{extension} but contains {FORMATS[content].label}; rename it to .{content}."
             )
-    limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes)
+    limits = Limits(max_vertices, max_faces, max_nodes, max_unpacked_bytes, looks)
     try:
         raw = _readers()[extension].read(data, limits, resources)
         limits.check(len(raw.vertices), len(raw.faces))
@@ -82,6 +90,8 @@ def read_mesh(
             warnings=raw.warnings,
             colors=raw.colors,
             kind="points" if is_cloud else "mesh",
+            texture=raw.texture,
+            painted=raw.painted,
         )
     except (MeshTooLargeError, MemoryError, ImportError):  # the last two are the process's fault
         raise

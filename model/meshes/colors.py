@@ -1,44 +1,79 @@
-"""Colours of vertices: carried over to what is made of a mesh, and between the two ways to count light."""
+"""Colours and pictures: carried over to what is made of a mesh, and between the two ways to count light."""
 
 import numpy as np
 
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect
 from model.meshes.mesh import Mesh
+from model.meshes.texture import Texture
 from model.types import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 
+_PLACES = 1 << 16
+"""Places in a picture that differ by less than one part of so many are one."""
 
-def carried_colors(
-    mesh: Mesh, vertices: FloatArray, faces: IntArray, mirrored: BoolArray, plane: FloatArray
-) -> tuple[FloatArray, IntArray, ByteArray]:
-    """The colours of a mesh on a surface that was made of it and of its mirror image.
 
-    Every corner gets the colour of the place it came from on the face that its own face came from; so edges between
-    colours stay sharp, and vertices where colours meet become several.
+def has_colors(mesh: Mesh) -> bool:
+    """Whether the surface has more than one colour, or pictures on it."""
+    if mesh.texture is not None or mesh.painted:
+        return True
+    return mesh.colors is not None and bool((mesh.colors != mesh.colors[mesh.faces[0, 0]]).any())
+
+
+def with_looks_of(mesh: Mesh, vertices: FloatArray, faces: IntArray, mirrored: BoolArray, plane: FloatArray) -> Mesh:
+    """A surface that was made of a mesh and of its mirror image, with the mesh's colours and pictures.
+
+    Every corner gets what is at the place it came from on the face that its own face came from; so edges between
+    colours stay sharp, and vertices where colours or parts of a picture meet become several.
 
     Args:
-        mesh: with colours.
+        mesh: what it was made of.
         vertices: ``(v, 3)`` of the new surface, in the mesh's coordinates.
         faces: ``(f, 3)``.
         mirrored: ``(f,)`` which of them come from the mirror image.
         plane: ``(n, d)`` ``(4,)`` that they were mirrored at.
 
-    Returns:
-        vertices ``(w, 3)``, faces ``(f, 3)``, and colours ``(w, 4)`` uint8 of the vertices.
+    Raises:
+        DegenerateMeshError: the surface has no extent or no area.
     """
-    assert mesh.colors is not None
+    if mesh.colors is None and mesh.texture is None:
+        return Mesh.checked(vertices, faces, source_format=mesh.source_format, units=mesh.units)
     corners = vertices[faces]
     corners[mirrored] = reflect(corners[mirrored].reshape(-1, 3), plane).reshape(-1, 3, 3)
     _, _, sources = SurfaceIndex(mesh.vertices, mesh.faces).closest(np.ascontiguousarray(corners.mean(axis=1)))
     source = mesh.faces[sources]
     weights = _barycentric(corners, mesh.vertices[source])
-    colors = np.einsum("fck,fkh->fch", weights, mesh.colors[source].astype(np.float64))
-    rounded = np.clip(np.rint(colors), 0, 255).astype(np.uint8)
-    keys = np.concatenate([faces.reshape(-1, 1).astype(np.int64), rounded.reshape(-1, 4).astype(np.int64)], axis=1)
-    packed = keys[:, 0] << 32 | keys[:, 1] << 24 | keys[:, 2] << 16 | keys[:, 3] << 8 | keys[:, 4]
-    _, first, inverse = np.unique(packed, return_index=True, return_inverse=True)
-    split = vertices[keys[first, 0]]
-    return split, inverse.reshape(-1, 3).astype(np.int32), np.ascontiguousarray(rounded.reshape(-1, 4)[first])
+    keys: list[AnyArray] = [faces.reshape(-1).astype(np.int64)]
+    colors = places = None
+    if mesh.colors is not None:
+        mixed = np.einsum("fck,fkh->fch", weights, mesh.colors[source].astype(np.float64))
+        colors = np.clip(np.rint(mixed), 0, 255).astype(np.uint8).reshape(-1, 4)
+        keys.append(colors.astype(np.int64) @ np.array([1 << 24, 1 << 16, 1 << 8, 1]))
+    if mesh.texture is not None:
+        mixed = np.einsum("fck,fkh->fch", weights, mesh.texture.places[source].astype(np.float64))
+        places = mixed.astype(np.float32).reshape(-1, 2)
+        keys += list(np.rint(mixed.reshape(-1, 2).T * _PLACES).astype(np.int64))
+    first, inverse = distinct_rows(keys)
+    return Mesh.checked(
+        vertices[keys[0][first]],
+        inverse.reshape(-1, 3).astype(np.int32),
+        source_format=mesh.source_format,
+        units=mesh.units,
+        colors=None if colors is None else np.ascontiguousarray(colors[first]),
+        texture=None
+        if mesh.texture is None or places is None
+        else Texture(places[first], mesh.texture.of_face[sources], mesh.texture.pictures),
+    )
+
+
+def distinct_rows(keys: list[AnyArray]) -> tuple[AnyArray, AnyArray]:
+    """Of rows of integers, one array a column: the first of each kind, and of which kind every row is."""
+    order = np.lexsort(keys[::-1])
+    changes = np.zeros(len(order), dtype=np.bool_)
+    for key in keys:
+        changes[1:] |= key[order[1:]] != key[order[:-1]]
+    kind = np.empty(len(order), dtype=np.int64)
+    kind[order] = np.cumsum(changes)
+    return order[np.flatnonzero(np.append(True, changes[1:]))], kind
 
 
 def _barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:

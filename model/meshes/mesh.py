@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from model._jit import jit, jit_allocating, kernel_array
 from model.errors import DegenerateMeshError, EmptyMeshError, UnreadableMeshError
 from model.geometry.edges import is_watertight
+from model.meshes.texture import Texture
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class Mesh:
         units: length unit named by the file, if it names one.
         warnings: what was left out or guessed when the file was read, a sentence each.
         colors: (v, 4) uint8, red, green, blue (sRGB) and opacity of the vertices, if the file has any.
+        texture: pictures on the surface, if they were asked for and are at hand.
+        painted: whether materials of the file that were not read give it several colours or pictures.
         kind: ``points`` where the file holds a point cloud: the vertices are its points, without outliers and thinned
             where there are very many, and the faces triangles between neighbours (`model.meshes.points`).
     """
@@ -48,6 +51,8 @@ class Mesh:
     warnings: tuple[str, ...] = ()
     colors: ByteArray | None = None
     kind: Literal["mesh", "points"] = "mesh"
+    texture: Texture | None = None
+    painted: bool = False
 
     @classmethod
     def checked(
@@ -60,6 +65,8 @@ class Mesh:
         warnings: tuple[str, ...] = (),
         colors: ByteArray | None = None,
         kind: Literal["mesh", "points"] = "mesh",
+        texture: Texture | None = None,
+        painted: bool = False,
     ) -> "Mesh":
         """A mesh that all computations can rely on.
 
@@ -72,11 +79,15 @@ class Mesh:
         points, triangles = _as_arrays(vertices, faces)
         if colors is not None and (colors.shape != (len(points), 4) or colors.dtype != np.uint8):
             raise UnreadableMeshError("Colours must be (v, 4) numbers of 8 bits.")
+        if texture is not None and (len(texture.places), len(texture.of_face)) != (len(points), len(triangles)):
+            raise UnreadableMeshError("A texture must tell of every vertex and of every face.")
         if triangles.shape[0] == 0:
             raise EmptyMeshError("The mesh has no faces.")
         if triangles.min() < 0 or triangles.max() >= points.shape[0]:
             raise DegenerateMeshError("A face refers to a vertex that does not exist.")
-        mesh = cls(points, kernel_array(triangles, np.int32), source_format, units, warnings, colors, kind)
+        mesh = cls(
+            points, kernel_array(triangles, np.int32), source_format, units, warnings, colors, kind, texture, painted
+        )
         low, high = mesh.bounds
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise DegenerateMeshError("The mesh has coordinates that are not finite numbers.")

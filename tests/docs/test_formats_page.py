@@ -13,7 +13,8 @@ NAMED = re.findall(r"\| `([\w/]+\.py)::(\w+)` \|$", PAGE, re.MULTILINE)
 
 
 def test_every_line_names_a_test() -> None:
-    lines = [line for line in PAGE.splitlines() if line.startswith("| ") and not line.startswith("| ---")]
+    held = PAGE.partition("## Public files")[0]
+    lines = [line for line in held.splitlines() if line.startswith("| ") and not line.startswith("| ---")]
     headings = [line for line in lines if line.endswith("| test |")]
     assert len(NAMED) == len(lines) - len(headings) > 30
 

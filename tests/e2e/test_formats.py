@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from app import Client, UnusableMeshError
+from model.formats import read_mesh
+from tests.model.formats.test_archives import zipped
 from tests.model.formats.test_gltf_as_shown import draco_gltf, separate
 from tests.model.formats.test_point_clouds import FILES
+from tests.model.meshes.test_looks import MTL, OBJ, png
 
 from .server import Server
 
@@ -86,3 +89,42 @@ def test_a_file_outside_the_folder_is_not_sent(server: Server, tmp_path: Path) -
     with Client(server.url) as client, pytest.raises(UnusableMeshError):
         client.detect(tmp_path / "in" / "a.gltf")
     assert json.loads(text)["buffers"][0]["uri"].startswith("../")
+
+
+def test_materials_and_pictures_go_in_one_upload_and_come_back(server: Server, tmp_path: Path) -> None:
+    """By hand, through the client, and in a zip archive: the same half, with its picture."""
+    folder = tmp_path / "textures"
+    folder.mkdir()
+    (folder / "wood.png").write_bytes(png((4, 5, 6)))
+    (tmp_path / "a.mtl").write_text(MTL.format(picture="textures/wood.png"))
+    (tmp_path / "a.obj").write_text(OBJ.format(library="a.mtl"))
+    query: dict[str, str] = {"format": "glb", "normal": "1,0,0", "offset": "-0.5"}
+    contents = {path.name: path.read_bytes() for path in (tmp_path / "a.obj", tmp_path / "a.mtl", folder / "wood.png")}
+    parts = [("file", (name, content)) for name, content in contents.items()]
+    by_hand = httpx.post(f"{server.url}/halve", files=parts, params=query, timeout=60)
+    assert by_hand.status_code == 200
+    with Client(server.url) as client:
+        through = client.halve(tmp_path / "a.obj", format="glb", plane=[1, 0, 0, -0.5])
+    packed = zipped(**{name.replace(".", "__"): content for name, content in contents.items()})
+    out_of_zip = httpx.post(f"{server.url}/halve", files={"file": ("a.zip", packed)}, params=query, timeout=60)
+    assert out_of_zip.content == by_hand.content == through.data
+    half = read_mesh(by_hand.content, "a.glb", looks=True)
+    assert half.texture is not None
+    assert half.texture.pictures[0].content == png((4, 5, 6))
+    assert half.bounds[0][0] == pytest.approx(0.5)
+    annotated = server.detect("a.zip", packed, format="glb")
+    shown = read_mesh(annotated.content, "a.glb", looks=True)
+    assert shown.texture is not None
+    answer = server.detect("a.zip", packed).json()
+    assert (answer["mesh"]["filename"], answer["mesh"]["format"]) == ("a.zip", "obj")
+
+
+def test_a_zip_bomb_is_refused_with_a_sentence(server: Server) -> None:
+    bomb = zipped(a__stl=b"\0" * (1200 << 20))
+    assert len(bomb) < 2 << 20
+    answer = server.detect("a.zip", bomb)
+    assert answer.status_code == 413
+    assert "unpacks to more than" in answer.json()["detail"]
+    several = server.detect("a.zip", zipped(a__stl=b"x", b__stl=b"x"))
+    assert several.status_code == 415
+    assert "send one of them" in several.json()["detail"]

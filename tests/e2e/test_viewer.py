@@ -4,8 +4,7 @@ import json
 import shlex
 import subprocess
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -21,96 +20,12 @@ from app import problems
 
 from .server import Server, running
 
-sync_api = pytest.importorskip("playwright.sync_api")
+pytest.importorskip("playwright.sync_api")
 
-from .browser import CHROMIUM, PHONE, REQUIRED, chromium  # noqa: E402
+from .browser import PHONE
+from .visits import DEFAULT, EXAMPLES, Visit, expect, sync_api
 
-if CHROMIUM is None and not REQUIRED:
-    pytest.skip("no Chromium is installed", allow_module_level=True)
-
-Browser, Page, Request, Route, expect = (
-    sync_api.Browser, sync_api.Page, sync_api.Request, sync_api.Route, sync_api.expect,
-)  # fmt: skip
-expect.set_options(timeout=60_000)  # the machines that run tests are busy with other things too
-DEFAULT = {"viewport": {"width": 1000, "height": 640}}
-EXAMPLES = Path(__file__).parents[2] / "app" / "viewer" / "examples"
-
-
-@dataclass
-class Visit:
-    """One visit to the viewer, and everything that went wrong in it."""
-
-    page: Any
-    url: str
-    errors: list[str] = field(default_factory=list)
-    asked: list[str] = field(default_factory=list)
-
-    def choose(self, example: str) -> None:
-        self.page.get_by_role("button", name=example).click()
-        expect(self.page.locator("#panel")).to_be_visible()
-        self.page.mouse.move(0, 0)
-
-    def open(self, path: Path) -> None:
-        self.page.locator("#file").set_input_files(path)
-        expect(self.page.locator("#filename")).to_have_text(path.name)
-
-    def shown(self) -> list[str]:
-        """Ids of the planes and axes in the picture."""
-        return [name for name in self.page.locator("#canvas").get_attribute("data-shown").split(",") if name]
-
-    def expect_shown(self, *names: str) -> None:
-        expect(self.page.locator("#canvas")).to_have_attribute("data-shown", ",".join(names))
-
-    def pixels(self) -> Any:
-        """The canvas as (height, width, 3) numbers from 0 to 255, once what changed is drawn."""
-        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-        image = Image.open(BytesIO(self.page.locator("#canvas").screenshot())).convert("RGB")
-        return np.asarray(image).astype(int)
-
-    def problem(self) -> Any:
-        return self.page.get_by_role("alert")
-
-    def detections(self) -> list[str]:
-        """Queries of the requests to /detect so far."""
-        return [address.partition("?")[2] for address in self.asked if "/detect" in address]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """One browser for this module. Not for longer: its event loop would be in the way of other tests."""
-    assert CHROMIUM, "CI needs a Chromium: see .ci/run"
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture
-def visit(browser: Any) -> Iterator[Callable[..., Visit]]:
-    """Opens the viewer. In the end: no error on any page, and no request to any other host."""
-    visits: list[Visit] = []
-
-    def open_page(url: str, *, go: bool = True, **options: Any) -> Visit:
-        context = browser.new_context(**(DEFAULT | options))
-        visit = Visit(context.new_page(), url)
-        visit.page.on("console", lambda message: message.type == "error" and visit.errors.append(message.text))
-        visit.page.on("pageerror", lambda error: visit.errors.append(str(error)))
-        visit.page.on("request", lambda request: visit.asked.append(request.url))
-        visits.append(visit)
-        if go:
-            visit.page.goto(url)
-        return visit
-
-    yield open_page
-    for each in visits:
-        foreign = [address for address in each.asked if not address.startswith((each.url, "data:", "blob:"))]
-        each.page.context.close()
-        assert foreign == []
-        assert each.errors == []
-
-
-@pytest.fixture
-def at_home(visit: Callable[..., Visit], server: Server) -> Visit:
-    """The start page of a service with default settings."""
-    return visit(server.url)
+Browser, Page, Request, Route = sync_api.Browser, sync_api.Page, sync_api.Request, sync_api.Route
 
 
 def numbers_of(visit: Visit) -> list[str]:
@@ -162,7 +77,7 @@ def test_files_are_dropped_one_after_the_other(at_home: Visit, data: Path) -> No
     drop(at_home.page, data / "table.glb")
     expect(at_home.page.get_by_role("heading", name="Point group C2v")).to_be_visible()
     at_home.page.get_by_role("button", name="Open another mesh").click()
-    expect(at_home.page.get_by_role("button", name="Drop a mesh here")).to_be_visible()
+    expect(at_home.page.get_by_role("button", name="Drop meshes here")).to_be_visible()
     expect(at_home.page.locator("#panel")).to_be_hidden()
 
 
@@ -236,10 +151,12 @@ def test_paper_mode(at_home: Visit, server: Server) -> None:
 def test_levels_say_where_the_chosen_one_does_not_hold(at_home: Visit) -> None:
     at_home.choose("Damaged table")
     levels = at_home.page.get_by_role("region", name="Levels")
-    expect(levels.locator("dt")).to_have_text(["C2v"])
-    expect(levels.locator("dd")).to_contain_text("chosen")
-    expect(levels.locator("li")).to_have_count(1)
-    expect(levels.locator("li")).to_contain_text("missing at (0.59")  # the corner
+    chosen = levels.locator('.level[aria-pressed="true"]')
+    expect(chosen.locator(".name")).to_have_text(["C2v"])
+    expect(chosen.locator(".note")).to_contain_text("chosen")
+    breaks = levels.locator("ul.small li")
+    expect(breaks).to_have_count(1)
+    expect(breaks).to_contain_text("missing at (0.5")  # the corner
     at_home.page.get_by_text("Paper", exact=True).click()
     expect(levels).to_have_count(0)
 

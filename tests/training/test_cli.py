@@ -1,6 +1,7 @@
 """The command line, from procedural shapes to a curve, as a newcomer would type it."""
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -38,8 +39,12 @@ def test_from_shapes_to_a_curve(tmp_path: Path):
     result = run("fit", prepared, "--run", fitted, "--recipe", recipe, "--device", "cpu", "--no-tensorboard")
     assert result.exit_code == 0, result.output
     assert json.loads((fitted / "run.json").read_text())["recipe"]["name"] == "tiny"
-    result = run("export", fitted, "-o", tmp_path / "tiny.safetensors")
+    closing = shlex.split(result.output.strip().splitlines()[-1])
+    assert closing[:3] == ["python", "-m", "training"]
+    result = run(*closing[3:])  # what it says works as it stands
     assert result.exit_code == 0, result.output
+    (fitted / "tiny.safetensors").rename(tmp_path / "tiny.safetensors")
+    (fitted / "tiny.json").rename(tmp_path / "tiny.json")
     options = ("--recipe", recipe, "--device", "cpu", "--no-tensorboard", "--start", tmp_path / "tiny.safetensors")
     result = run("fit", prepared, "--run", tmp_path / "further", *options)
     assert result.exit_code == 0, result.output
@@ -65,6 +70,11 @@ def test_mistakes_end_with_a_sentence_and_status_2(tmp_path: Path, arguments: tu
     result = run(*(places.get(argument, argument) for argument in arguments))
     assert result.exit_code == 2
     assert message in " ".join(result.output.replace("│", " ").split())
+
+
+def test_help_keeps_its_brackets():
+    assert "section [supervision]" in " ".join(run("label", "--help").output.split())
+    assert "[default: scan]" in run("label", "--help").output
 
 
 def test_every_command_explains_itself():

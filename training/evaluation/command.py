@@ -8,6 +8,7 @@ from typing import Any
 
 from training.evaluation.evaluate import Options, evaluate
 from training.evaluation.grouping import groups_of, read_column, render_by
+from training.evaluation.plain import render_plain
 from training.evaluation.report import render, summarise
 
 
@@ -22,6 +23,7 @@ def run(
     ground_truth: Path | None = None,
     workers: int = 1,
     progress: bool = True,
+    markdown: bool = False,
 ) -> str:
     """Judge, write the records, and return the tables.
 
@@ -37,10 +39,12 @@ def run(
         ground_truth: file of `training groundtruth`.
         workers: processes.
         progress: show a bar.
+        markdown: tables as Markdown, one row a method, instead of columns for a terminal.
 
     Raises:
         ValueError: an argument does not fit.
     """
+    written = render if markdown else render_plain
     column = read_column(manifest, by)
     part = None if json_file is None else json_file.with_name(json_file.name + ".part")
     records = evaluate(
@@ -54,14 +58,14 @@ def run(
     )
 
     def table(members: Sequence[Mapping[str, Any]]) -> str:
-        return render(summarise(members, options.max_error), options.damage, options.max_error)
+        return written(summarise(members, options.max_error), options.damage, options.max_error)
 
     report = summarise(records, options.max_error)
     if json_file is not None and part is not None:
         document = {"options": asdict(options), "figures": report, "shapes": records}
         json_file.write_text(json.dumps(document) + "\n", encoding="utf-8")
         part.unlink()
-    texts = [render(report, options.damage, options.max_error)]
+    texts = [written(report, options.damage, options.max_error)]
     if by is not None:
         texts.append(f"## By {by}\n\n{render_by(records, groups_of(records, by, column), table)}")
     return "\n\n".join(texts)

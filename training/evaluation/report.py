@@ -1,4 +1,4 @@
-"""Records of `training.evaluation.judging` summed up and written as Markdown, one row a method.
+"""Records of `training.evaluation.judging` summed up, and written as Markdown, one row a method.
 
 Two tables: how accurate the best plane is, and how complete the answer is. What the columns say:
 
@@ -242,25 +242,36 @@ def _stages(stages: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return {name: float(np.median([stage[name] for stage in stages if name in stage])) for name in names}
 
 
-def render(report: Mapping[str, Any], damage: str, max_error: float) -> str:
-    """A report of `summarise` as Markdown: a line on the shapes, the two tables, and the stages of detectors."""
+def heading(report: Mapping[str, Any], damage: str, max_error: float) -> str:
+    """Which shapes a report of `summarise` is about, in a sentence."""
     lost = report["clear_planes"] - report["clear_shown"]
-    complete = ALL_SYMMETRIES
-    if not lost:  # both ways of counting are one
-        complete = tuple(column for column in complete if not column[0].endswith("_shown"))
     middle = ""
     if report["middle"]:
         middle = f"; {report['middle']} of 3,000 to 6,000 faces, median {report['middle_faces_median']:.0f}"
-    methods = report["methods"]
-    lines = [
+    return (
         f"{report['shapes']} shapes, {damage}, t = {max_error:g}: {report['clear']} with "
         f"{report['clear_planes']} clear planes{f' ({lost} of them over t as shown)' if lost else ''}, "
         f"{report['clear_axes']} clear axes, "
-        f"{report['asymmetric']} without any within 4e-4{middle}",
+        f"{report['asymmetric']} without any within 4e-4{middle}"
+    )
+
+
+def symmetry_columns(report: Mapping[str, Any]) -> tuple[Column, ...]:
+    """The columns of the second table: where no plane is over the threshold, both ways of counting are one."""
+    if report["clear_planes"] > report["clear_shown"]:
+        return ALL_SYMMETRIES
+    return tuple(column for column in ALL_SYMMETRIES if not column[0].endswith("_shown"))
+
+
+def render(report: Mapping[str, Any], damage: str, max_error: float) -> str:
+    """A report of `summarise` as Markdown: a line on the shapes, the two tables, and the stages of detectors."""
+    methods = report["methods"]
+    lines = [
+        heading(report, damage, max_error),
         "",
         table(methods, BEST_PLANE),
         "",
-        table(methods, complete),
+        table(methods, symmetry_columns(report)),
     ]
     for figures in methods.values():
         if figures["stages_p50"]:

@@ -4,7 +4,6 @@ Every random number of a step comes from a generator seeded with (seed, step), s
 goes on exactly as if it had not been.
 """
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -20,15 +19,18 @@ from training.data.batch_sampler import Sampler
 from training.data.prepared import PreparedSet
 from training.data.store import ShapeStore
 from training.recipe import OptimizerRecipe, Recipe
+from training.trainer.claim import claim
 from training.trainer.distributed import World, join
 from training.trainer.monitor import CollapseMonitor, memory_in_use
 from training.trainer.objective import Batch, batch_losses, validate
 from training.trainer.precision import Precision, keep_small_layers_exact
 from training.trainer.records import RunLog, Writer, append, save, trim
-from training.trainer.revision import git_revision
 from training.trainer.supervision import PlaneLabels
 
 VALIDATION_SHAPES = 512
+FEW_SHAPES = 20
+"""With fewer to validate on, which checkpoint is the best is chance."""
+
 EARLY_STEPS = 20
 """Speed and memory are logged after so many steps: whoever sees that a run takes too long can end it early."""
 
@@ -82,7 +84,8 @@ def fit(
     """Train, or go on where ``run`` stopped; among several processes where `torchrun` started them.
 
     Args:
-        recipe: what to train and how; a resumed run must be given the same one. Its batch is that of all processes.
+        recipe: what to train and how; a resumed run must be given the same one, but for more steps. Its batch is that
+            of all processes.
         prepared: the data.
         run: folder of the run: `run.json` (recipe and data), `revision`, `log.txt`, `curve.csv`, `last.pt`, `best.pt`
             (lowest validation loss). The main process alone writes.
@@ -140,7 +143,7 @@ class _Trainer:
         world.part(self.sampler.batch)
         if start is not None and start.network.architecture != recipe.network:
             raise ValueError(f"{start.record['name']} has another architecture than the recipe")
-        self._claim(prepared, start)
+        extended = self._claim(prepared, start)
         self.log = RunLog(run / "log.txt", on_message) if world.main else None
         pieces = recipe.damage.scans > 0
         self.store = world.in_turn(lambda: ShapeStore(prepared, world.device, recipe.loss.grid, on_derive, pieces))
@@ -169,26 +172,21 @@ class _Trainer:
             f"{verb}: {recipe.name}, {len(train_index)} shapes to train on, {len(self.held_out)} to validate with, "
             f"{world.size} process(es), {world.device.type}, {precision}, torch {torch.__version__}"
         )
+        if extended is not None:
+            self._say(extended)
+        if len(validation_index) < FEW_SHAPES:
+            self._say(f"warning: {_too_few(len(validation_index), recipe.validation_share)}")
 
-    def _claim(self, prepared: PreparedSet, start: Initialization | None) -> None:
-        """Make the folder that of this recipe and these data, or find that it is."""
+    def _claim(self, prepared: PreparedSet, start: Initialization | None) -> str | None:
+        """Make the folder that of this recipe and these data, or find that it is; what to say about it."""
         if not self.world.main:
-            return
+            return None
         data = prepared.record() | ({"labels": prepared.labels} if self.labels is not None else {})
         data |= {"views": prepared.views} if self.recipe.damage.scans > 0 else {}
         record: dict[str, Any] = {"recipe": self.recipe.to_dict(), "data": data}
         if start is not None:
             record["start"] = dict(start.record)
-        identity = json.dumps(record, indent=1, sort_keys=True)
-        self.run.mkdir(parents=True, exist_ok=True)
-        stamp = self.run / "run.json"
-        if stamp.is_file() and not _same(json.loads(stamp.read_text()), json.loads(identity)):
-            raise ValueError(
-                f"{self.run} holds a run of another recipe or other data, or from another start; choose another folder"
-            )
-        if not stamp.is_file():
-            stamp.write_text(identity)
-            (self.run / "revision").write_text(git_revision())
+        return claim(self.run, record)
 
     def train(
         self,
@@ -279,10 +277,14 @@ class _Trainer:
             self.log.say(message)
 
 
-def _same(begun: dict[str, Any], now: dict[str, Any]) -> bool:
-    """Whether two records are of one run; a recipe written before a field existed has its default."""
-    try:
-        recipes = [Recipe.from_dict(record["recipe"]) for record in (begun, now)]
-    except ValueError:  # a field that is no more
-        return False
-    return recipes[0] == recipes[1] and all(begun.get(key) == now.get(key) for key in ("data", "start"))
+def _too_few(count: int, share: float) -> str:
+    if count == 0:
+        return (
+            f"the set is too small to keep a share of {share:g} for validation; the best checkpoint is chosen on "
+            "shapes that are trained on. Take more shapes, or a larger --set validation_share=..."
+        )
+    shapes = "1 shape" if count == 1 else f"{count} shapes"
+    return (
+        f"{shapes} to validate with are too few to tell which checkpoint is the best. Take more shapes, or a larger "
+        "--set validation_share=..."
+    )

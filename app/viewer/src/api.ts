@@ -1,13 +1,23 @@
 /** Requests to the service this page came from. Addresses are relative: it may live behind a path prefix. */
 
 import { noAnswer, problemFrom, ProblemError } from "./problems";
-import type { Limits, Mode, Vector } from "./result";
+import type { LevelName, Limits, Mode, Vector } from "./result";
 import { withCompanions } from "./together";
 
 export interface Options {
   mode: Mode;
   maxError: number;
+  level: LevelName;
+  tolerance: number | null;
 }
+
+/** The options of a state, and nothing else of it. */
+export const optionsIn = ({ mode, maxError, level, tolerance }: Options): Options => ({
+  mode,
+  maxError,
+  level,
+  tolerance,
+});
 
 export interface Progress {
   /** Bytes sent, of how many. */
@@ -41,6 +51,8 @@ export function detectQuery(options: Options): Record<string, string | string[]>
   return {
     ...(options.mode === "full" ? {} : { mode: options.mode }),
     ...(options.maxError === 4e-4 ? {} : { max_error: String(options.maxError) }),
+    ...(options.level === "auto" ? {} : { level: options.level }),
+    ...(options.tolerance === null ? {} : { tolerance: String(options.tolerance) }),
   };
 }
 

@@ -7,7 +7,23 @@ export interface AnnotatedMesh {
   corners: Float64Array;
   /** Red, green and blue of every corner in linear light, if the mesh has colours. */
   colors: Float32Array | null;
+  /** Where every corner is in its picture, two numbers each, from the upper left; with pictures only. */
+  places: Float32Array | null;
+  pictures: LaidPicture[];
   result: DetectResult;
+}
+
+/** A picture on the triangles whose corners are the `count` from `start` on. */
+export interface LaidPicture {
+  content: Blob;
+  start: number;
+  count: number;
+}
+
+interface Primitive {
+  attributes: { POSITION: number; COLOR_0?: number; TEXCOORD_0?: number };
+  indices?: number;
+  material?: number;
 }
 
 interface Node {
@@ -21,9 +37,10 @@ interface Node {
 
 interface Document {
   nodes: Node[];
-  meshes: {
-    primitives: { attributes: { POSITION: number; COLOR_0?: number }; indices?: number; mode?: number }[];
-  }[];
+  meshes: { primitives: Primitive[] }[];
+  materials?: { pbrMetallicRoughness?: { baseColorTexture?: { index: number } } }[];
+  textures?: { source: number }[];
+  images?: { bufferView: number; mimeType: string }[];
   accessors: {
     bufferView: number;
     byteOffset?: number;
@@ -47,7 +64,18 @@ export function readAnnotated(bytes: ArrayBuffer): AnnotatedMesh {
   if (!node) throw new Error("The GLB holds no mesh.");
   const result = node.extras?.result;
   if (!result) throw new Error("The GLB holds no result.");
-  return { corners: cornersOf(document, binary, node), colors: colorsOf(document, binary, node), result };
+  const { primitives } = document.meshes[node.mesh!];
+  const pictures = picturesOf(document, binary, primitives);
+  return {
+    corners: cornersOf(document, binary, node),
+    colors: attributeOf(document, binary, primitives, ({ COLOR_0 }) => COLOR_0, 4, 3, 65535),
+    places:
+      pictures.length > 0
+        ? attributeOf(document, binary, primitives, ({ TEXCOORD_0 }) => TEXCOORD_0, 2, 2, 1)
+        : null,
+    pictures,
+    result,
+  };
 }
 
 function chunks(bytes: ArrayBuffer): [Document, ArrayBuffer] {
@@ -86,20 +114,52 @@ function cornersOf(document: Document, binary: ArrayBuffer, node: Node): Float64
   return all;
 }
 
-/** The service writes colours as four numbers of 16 bits a vertex, or none. */
-function colorsOf(document: Document, binary: ArrayBuffer, node: Node): Float32Array | null {
-  const { primitives } = document.meshes[node.mesh!];
-  if (primitives.length !== 1 || primitives[0].attributes.COLOR_0 === undefined) return null;
-  const values = accessor(document, binary, primitives[0].attributes.COLOR_0);
-  const indices =
-    primitives[0].indices === undefined ? null : accessor(document, binary, primitives[0].indices);
-  const count = indices ? indices.length : values.length / 4;
-  const colors = new Float32Array(3 * count);
-  for (let i = 0; i < count; i++) {
-    const from = 4 * (indices ? indices[i] : i);
-    for (let channel = 0; channel < 3; channel++) colors[3 * i + channel] = values[from + channel] / 65535;
+/** How many corners of triangles a primitive has. */
+const cornersIn = (document: Document, { indices, attributes }: Primitive): number =>
+  document.accessors[indices ?? attributes.POSITION].count;
+
+/** The first `kept` of the `width` numbers that every corner has, divided; or null where a part has none. */
+function attributeOf(
+  document: Document,
+  binary: ArrayBuffer,
+  primitives: Primitive[],
+  which: (attributes: Primitive["attributes"]) => number | undefined,
+  width: number,
+  kept: number,
+  divisor: number,
+): Float32Array | null {
+  const total = primitives.reduce((sum, primitive) => sum + cornersIn(document, primitive), 0);
+  const found = new Float32Array(kept * total);
+  let at = 0;
+  for (const primitive of primitives) {
+    const index = which(primitive.attributes);
+    if (index === undefined) return null;
+    const values = accessor(document, binary, index);
+    const indices = primitive.indices === undefined ? null : accessor(document, binary, primitive.indices);
+    const count = cornersIn(document, primitive);
+    for (let i = 0; i < count; i++) {
+      const from = width * (indices ? indices[i] : i);
+      for (let k = 0; k < kept; k++) found[at++] = values[from + k] / divisor;
+    }
   }
-  return colors;
+  return found;
+}
+
+function picturesOf(document: Document, binary: ArrayBuffer, primitives: Primitive[]): LaidPicture[] {
+  const pictures: LaidPicture[] = [];
+  let start = 0;
+  for (const primitive of primitives) {
+    const count = cornersIn(document, primitive);
+    const used = document.materials?.[primitive.material ?? -1]?.pbrMetallicRoughness?.baseColorTexture;
+    const image = used && document.images?.[document.textures?.[used.index]?.source ?? -1];
+    if (image) {
+      const { byteOffset = 0, byteLength } = document.bufferViews[image.bufferView];
+      const content = new Blob([binary.slice(byteOffset, byteOffset + byteLength)], { type: image.mimeType });
+      pictures.push({ content, start, count });
+    }
+    start += count;
+  }
+  return pictures;
 }
 
 /** The service moves and scales the mesh at most, to keep the digits of coordinates far from the origin. */
@@ -123,7 +183,7 @@ function accessor(
   const { bufferView, byteOffset = 0, componentType, count, type } = document.accessors[index];
   const view = document.bufferViews[bufferView];
   const start = (view.byteOffset ?? 0) + byteOffset;
-  const items = count * ({ VEC3: 3, VEC4: 4 }[type] ?? 1);
+  const items = count * ({ VEC2: 2, VEC3: 3, VEC4: 4 }[type] ?? 1);
   if (view.byteStride && view.byteStride !== 12) throw new Error("The GLB interleaves its vertices.");
   if (componentType === 5126) return new Float32Array(binary, start, items);
   if (componentType === 5125) return new Uint32Array(binary, start, items);

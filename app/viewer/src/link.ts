@@ -3,11 +3,13 @@
 import type { Options } from "./api";
 import { EXAMPLES, type Example } from "./examples";
 
-export function linkTo(name: string, { mode, maxError }: Options): string {
+export function linkTo(name: string, { mode, maxError, level, tolerance }: Options): string {
   const url = new URL(document.baseURI);
   const words = new URLSearchParams({ example: name });
   if (mode !== "full") words.set("mode", mode);
   if (maxError !== 4e-4) words.set("max_error", String(maxError));
+  if (level !== "auto") words.set("level", level);
+  if (tolerance !== null) words.set("tolerance", String(tolerance));
   url.hash = words.toString();
   return url.href;
 }
@@ -18,11 +20,14 @@ export function readLink(hash: string): { example: Example; options: Options } |
   const example = EXAMPLES.find(({ file }) => file === words.get("example"));
   if (!example) return null;
   const error = Number(words.get("max_error"));
+  const tolerance = Number(words.get("tolerance"));
   return {
     example,
     options: {
       mode: words.get("mode") === "paper" ? "paper" : "full",
       maxError: error > 0 && error <= 1 ? error : 4e-4,
+      level: words.get("level") === "exact" ? "exact" : "auto",
+      tolerance: tolerance > 0 && Number.isFinite(tolerance) ? tolerance : null,
     },
   };
 }

@@ -1,11 +1,13 @@
 /** Puts the page together. */
 
+import { createBatch } from "./batch";
 import { byId } from "./dom";
 import { fetchExample } from "./examples";
 import { attachGizmo } from "./gizmo";
 import { HeatMeter } from "./heat";
 import { askForKey } from "./keydialog";
 import { readLink } from "./link";
+import { attachMeasure } from "./measure";
 import { attachPanel } from "./panel";
 import { attachPicture, attachPointer } from "./picture";
 import { attachProblemBox } from "./problembox";
@@ -23,6 +25,9 @@ const store = createStore({
   file: null,
   mode: "full",
   maxError: 4e-4,
+  level: "auto",
+  tolerance: null,
+  batch: [],
   result: null,
   answered: null,
   items: [],
@@ -33,11 +38,25 @@ const store = createStore({
   view: "mesh",
   up: "y",
   heatLargest: null,
+  flat: false,
+  wire: false,
+  grid: false,
+  ruler: false,
   theme: initialTheme(),
 });
 const say = createSay();
 const session = createSession(store, askForKey);
-const open = (file: File): void => void session.open(file);
+/** Another mesh is asked about at the level that people mean: a tolerance in the units of the last says nothing. */
+const show = (file: File): void => {
+  store.set({ level: "auto", tolerance: null });
+  void session.open(file);
+};
+const batch = createBatch(store, show);
+const open = (files: File[]): void => {
+  if (files.length > 1) return void batch.open(files);
+  store.set({ batch: [] });
+  show(files[0]);
+};
 
 attachTheme(store);
 const stage = createStage();
@@ -45,11 +64,12 @@ if (stage) {
   const markers = attachPicture(store, stage, new HeatMeter());
   attachPointer(store, stage, byId<HTMLCanvasElement>("canvas"), markers);
   attachGizmo(stage, byId("tools"));
+  attachMeasure(store, stage);
 }
 attachViews(store, () => stage?.home());
 attachStart(store, open);
 attachDrop(open);
-attachPanel(store, session, say, async () => {
+attachPanel(store, session, say, batch.element, async () => {
   if (!stage) throw new Error("There is no picture without WebGL.");
   return stage.picture();
 });
@@ -74,7 +94,7 @@ function openLink(): void {
   const link = readLink(location.hash);
   if (!link) return;
   store.set(link.options);
-  void fetchExample(link.example).then(open);
+  void fetchExample(link.example).then((file) => session.open(file));
 }
 
 function attachHead(): void {

@@ -13,7 +13,9 @@ import {
   Mesh,
   MeshStandardMaterial,
   Plane,
+  RepeatWrapping,
   SRGBColorSpace,
+  Texture,
   Vector3,
 } from "three";
 import { heatColor } from "./colors";
@@ -55,7 +57,11 @@ export class MeshView {
   private readonly image = material();
   private readonly hot = material();
   private readonly lines = new LineBasicMaterial({ transparent: true, opacity: 0.55 });
-  private readonly mesh = new Mesh(new BufferGeometry(), this.plain);
+  private readonly mesh = new Mesh<BufferGeometry, MeshStandardMaterial | MeshStandardMaterial[]>(
+    new BufferGeometry(),
+    this.plain,
+  );
+  private pictured: MeshStandardMaterial[] = [];
   private readonly mirrored = new Mesh(this.mesh.geometry, this.image);
   private readonly heated = new Mesh(new BufferGeometry(), this.hot);
   private readonly edges = new LineSegments(new BufferGeometry(), this.lines);
@@ -78,10 +84,48 @@ export class MeshView {
     this.plain.vertexColors = surface.colors !== null;
     this.plain.needsUpdate = true;
     this.mesh.geometry = this.mirrored.geometry = geometry;
+    this.layPictures(surface, geometry);
     const few = surface.corners.length / 9 <= MOST_FACES_FOR_EDGES;
     this.edges.geometry = few ? new EdgesGeometry(geometry, EDGE_ANGLE) : new BufferGeometry();
     this.heated.geometry = new BufferGeometry();
     this.showMesh();
+  }
+
+  /** Pictures on the mesh as it is; its image keeps the plain colour, which tells the two apart. */
+  private layPictures({ places, pictures, corners, colors }: Surface, geometry: BufferGeometry): void {
+    for (const old of this.pictured) {
+      old.map?.dispose();
+      old.dispose();
+    }
+    this.pictured = [];
+    this.mesh.material = this.plain;
+    if (!places || pictures.length === 0) return;
+    geometry.setAttribute("uv", new BufferAttribute(places, 2));
+    let at = 0;
+    const plainUntil = (start: number): void => {
+      if (start > at) geometry.addGroup(at, start - at, 0);
+    };
+    for (const { image, start, count } of pictures) {
+      plainUntil(start);
+      const map = new Texture(image);
+      map.colorSpace = SRGBColorSpace;
+      map.wrapS = map.wrapT = RepeatWrapping;
+      map.flipY = false;
+      map.needsUpdate = true;
+      const own = material();
+      own.map = map;
+      own.vertexColors = colors !== null;
+      own.wireframe = this.plain.wireframe;
+      geometry.addGroup(start, count, this.pictured.push(own));
+      at = start + count;
+    }
+    plainUntil(corners.length / 3);
+    this.mesh.material = [this.plain, ...this.pictured];
+  }
+
+  /** Triangles as lines, or filled. */
+  setWire(wire: boolean): void {
+    for (const each of [this.plain, this.image, this.hot, ...this.pictured]) each.wireframe = wire;
   }
 
   setColors(colors: MeshColors): void {
@@ -93,7 +137,7 @@ export class MeshView {
 
   showMesh(): void {
     this.arrange(true, false, false);
-    this.plain.clippingPlanes = this.lines.clippingPlanes = null;
+    this.clip(null);
     if (this.colors) this.tint(this.colors.surface);
   }
 
@@ -102,7 +146,7 @@ export class MeshView {
     this.arrange(true, true, false);
     const normal = item.kind === "plane" ? item.direction : across(item.direction, [0, 1, 0])[0];
     const side = fullerSide(this.mesh.geometry.getAttribute("position").array, normal, item.point);
-    this.plain.clippingPlanes = this.lines.clippingPlanes = [halfSpace(normal, item.point, side)];
+    this.clip([halfSpace(normal, item.point, side)]);
     this.image.clippingPlanes = [halfSpace(normal, item.point, side === 1 ? -1 : 1)];
     this.mirrored.matrix.copy(matrixOf(item.transform));
     this.mirrored.matrixWorldNeedsUpdate = true;
@@ -121,6 +165,10 @@ export class MeshView {
       geometry.setIndex(new BufferAttribute(indices, 1));
     }
     geometry.setAttribute("color", new BufferAttribute(colorsOf(heat.distances, largest), 3));
+  }
+
+  private clip(planes: Plane[] | null): void {
+    for (const each of [this.plain, this.lines, ...this.pictured]) each.clippingPlanes = planes;
   }
 
   /** A mesh with colours of its own keeps them. */

@@ -24,6 +24,8 @@ export function attachPicture(store: Store, stage: Stage, meter: HeatMeter): Mar
 
   store.subscribe((state, before) => {
     const first = state === before;
+    if (state.flat !== before.flat) stage.setFlat(state.flat);
+    if (state.wire !== before.wire) mesh.setWire(state.wire);
     if (first || state.theme !== before.theme) mesh.setColors(COLORS[state.theme]);
     if (state.up !== before.up || state.surface !== before.surface) stage.setUp(state.up);
     if (state.surface !== before.surface) {

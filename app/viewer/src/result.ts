@@ -4,6 +4,7 @@ export type Vector = [number, number, number];
 export type Row = [number, number, number, number];
 export type Matrix = [Row, Row, Row, Row];
 export type Mode = "full" | "paper";
+export type LevelName = "auto" | "exact";
 
 interface Measured {
   symmetry_error: number;

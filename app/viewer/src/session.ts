@@ -1,9 +1,9 @@
 /** From a file to a result on the page: what happens when one is opened, and when an option is changed. */
 
-import { detectQuery, endpoint, fetchLimits, send, type Options } from "./api";
+import { detectQuery, endpoint, fetchLimits, optionsIn, send, type Options } from "./api";
 import { bytes } from "./format";
 import { formats } from "./formats";
-import { readAnnotated } from "./glb";
+import { readAnnotated, type AnnotatedMesh } from "./glb";
 import { itemsOf } from "./items";
 import { cornerNormals } from "./normals";
 import { ProblemError, type Problem } from "./problems";
@@ -42,12 +42,12 @@ export function createSession(store: Store, askForKey: () => Promise<boolean>): 
     running?.abort();
     const own = (running = new AbortController());
     attempt = { file, first };
-    const { mode, maxError } = store.get();
+    const options = optionsIn(store.get());
     try {
       refuseTooLarge(file, limits);
       store.set({ file, phase: { kind: "uploading", share: 0 } });
       const answer = await onceReady(store, own.signal, () =>
-        request(file, { mode, maxError }, first, own.signal, store),
+        request(file, options, first, own.signal, store),
       );
       if (own !== running) return;
       shown = file;
@@ -82,7 +82,7 @@ export function createSession(store: Store, askForKey: () => Promise<boolean>): 
     close() {
       running?.abort();
       running = shown = attempt = null;
-      store.set({ ...empty, phase: { kind: "idle" }, file: null });
+      store.set({ ...empty, phase: { kind: "idle" }, file: null, batch: [] });
     },
   };
 }
@@ -99,7 +99,7 @@ const empty: Partial<State> = {
 
 /** After a failure the controls show again what the result on the page was asked with. */
 function optionsOf(state: State): Partial<State> {
-  return state.answered ? { mode: state.answered.mode, maxError: state.answered.maxError } : {};
+  return state.answered ? optionsIn(state.answered) : {};
 }
 
 /** Another mesh is first seen as it is, with the direction upwards that is usual in its format. */
@@ -157,17 +157,30 @@ async function request(
     const result = JSON.parse(await content.text()) as DetectResult;
     return { result, answered: options, items: itemsOf(result) };
   }
-  const { corners, colors, result } = readAnnotated(await content.arrayBuffer());
-  const surface = surfaceOf(corners, colors, result);
+  const annotated = readAnnotated(await content.arrayBuffer());
+  const { result } = annotated;
+  const surface = await surfaceOf(annotated);
   return { result, answered: options, items: itemsOf(result), surface };
 }
 
 /** Into the unit frame while there are 64 bits to a coordinate; the graphics card has 32. */
-function surfaceOf(corners: Float64Array, colors: Float32Array | null, result: DetectResult): Surface {
+async function surfaceOf({ corners, colors, places, pictures, result }: AnnotatedMesh): Promise<Surface> {
   const { center, scale } = result.frame;
   const unit = new Float32Array(corners.length);
   for (let i = 0; i < corners.length; i++) unit[i] = (corners[i] - center[i % 3]) / scale;
-  return { corners: unit, normals: cornerNormals(unit), colors };
+  const decoded = await Promise.all(
+    pictures.map(async ({ content, start, count }) => {
+      const image = await createImageBitmap(content).catch(() => null); // a broken picture is none
+      return image && { image, start, count };
+    }),
+  );
+  return {
+    corners: unit,
+    normals: cornerNormals(unit),
+    colors,
+    places,
+    pictures: decoded.filter((picture) => picture !== null),
+  };
 }
 
 /** Told before the upload: a connection that is cut while sending would hide the service's own words. */

@@ -3,6 +3,7 @@
 import {
   DirectionalLight,
   HemisphereLight,
+  OrthographicCamera,
   PerspectiveCamera,
   Raycaster,
   Scene,
@@ -10,6 +11,7 @@ import {
   Vector2,
   Vector3,
   WebGLRenderer,
+  type Camera,
   type Object3D,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -29,6 +31,9 @@ const STEP = Math.PI / 18;
 export class Stage {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.01, 50);
+  /** Sees along parallel lines; the controls move the other camera, and this one follows it. */
+  private readonly flat = new OrthographicCamera();
+  private isFlat = false;
   private readonly renderer: WebGLRenderer;
   private controls: OrbitControls;
   private readonly raycaster = new Raycaster();
@@ -58,7 +63,7 @@ export class Stage {
     this.asked = true;
     requestAnimationFrame(() => {
       this.asked = false;
-      this.renderer.render(this.scene, this.camera);
+      this.renderer.render(this.scene, this.eye());
       for (const task of this.afterFrame) task();
     });
   }
@@ -66,6 +71,36 @@ export class Stage {
   /** Called after every frame, for what follows the camera. */
   onFrame(task: () => void): void {
     this.afterFrame.push(task);
+  }
+
+  /** Parallel lines stay parallel, and what is far is not smaller. */
+  setFlat(flat: boolean): void {
+    this.isFlat = flat;
+    this.render();
+  }
+
+  /** Pixels from the upper left corner of the canvas at which a point of the scene is seen. */
+  pixelOf(point: Vector3): [number, number] {
+    const seen = point.clone().project(this.eye());
+    return [((seen.x + 1) / 2) * this.canvas.clientWidth, ((1 - seen.y) / 2) * this.canvas.clientHeight];
+  }
+
+  /** The camera that is looked through. */
+  private eye(): Camera {
+    if (!this.isFlat) return this.camera;
+    const { flat, camera } = this;
+    const half = camera.position.distanceTo(this.controls.target) * Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
+    flat.top = half;
+    flat.bottom = -half;
+    flat.right = half * camera.aspect;
+    flat.left = -flat.right;
+    flat.near = -FARTHEST;
+    flat.far = 2 * FARTHEST;
+    flat.updateProjectionMatrix();
+    flat.position.copy(camera.position);
+    flat.quaternion.copy(camera.quaternion);
+    flat.updateMatrixWorld();
+    return flat;
   }
 
   /** Which of the file's axes points upwards on the screen; coordinates stay as they are. */
@@ -106,7 +141,7 @@ export class Stage {
 
   /** What is to be seen, as PNG. */
   picture(): Promise<Blob> {
-    this.renderer.render(this.scene, this.camera); // a drawing buffer lasts only until the browser has shown it
+    this.renderer.render(this.scene, this.eye()); // a drawing buffer lasts only until the browser has shown it
     return new Promise((resolve, reject) =>
       this.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The picture is empty.")))),
     );
@@ -132,7 +167,7 @@ export class Stage {
   pick(x: number, y: number, objects: Object3D[]): Object3D | null {
     const box = this.canvas.getBoundingClientRect();
     const point = new Vector2(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2);
-    this.raycaster.setFromCamera(point, this.camera);
+    this.raycaster.setFromCamera(point, this.eye());
     return this.raycaster.intersectObjects(objects, false)[0]?.object ?? null;
   }
 

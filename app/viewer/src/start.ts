@@ -7,21 +7,21 @@ import { icon } from "./icons";
 import { isBusy, type Store } from "./store";
 import { accepted, together } from "./together";
 
-export function attachStart(store: Store, open: (file: File) => void): void {
+export function attachStart(store: Store, open: (files: File[]) => void): void {
   const picker = byId<HTMLInputElement>("file");
   const { read } = formats();
   picker.accept = accepted();
   picker.multiple = true;
   picker.addEventListener("change", () => {
-    const file = together(picker.files ?? []);
-    if (file) open(file);
+    const files = together(picker.files ?? []);
+    if (files.length > 0) open(files);
     picker.value = "";
   });
   const choose = h(
     "button",
     { type: "button", class: "drop", onclick: () => picker.click() },
     icon("upload"),
-    h("strong", {}, "Drop a mesh here, or choose a file"),
+    h("strong", {}, "Drop meshes here, or choose files"),
     h(
       "span",
       { class: "muted small" },
@@ -50,7 +50,11 @@ export function attachStart(store: Store, open: (file: File) => void): void {
     });
     return h(
       "button",
-      { type: "button", class: "example", onclick: () => void fetchExample(example).then(open) },
+      {
+        type: "button",
+        class: "example",
+        onclick: () => void fetchExample(example).then((file) => open([file])),
+      },
       picture,
       h("span", {}, h("strong", {}, example.title), h("span", { class: "muted small" }, example.note)),
     );
@@ -58,7 +62,7 @@ export function attachStart(store: Store, open: (file: File) => void): void {
 }
 
 /** Files may be dropped anywhere on the page, at any time. */
-export function attachDrop(open: (file: File) => void): void {
+export function attachDrop(open: (files: File[]) => void): void {
   const veil = byId("veil");
   let inside = 0;
   const enter = (by: number): void => {
@@ -74,7 +78,7 @@ export function attachDrop(open: (file: File) => void): void {
   document.addEventListener("drop", (event) => {
     event.preventDefault();
     enter(-inside);
-    const file = together(event.dataTransfer?.files ?? []);
-    if (file) open(file);
+    const files = together(event.dataTransfer?.files ?? []);
+    if (files.length > 0) open(files);
   });
 }

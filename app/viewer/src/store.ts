@@ -2,7 +2,8 @@
 
 import type { Item } from "./items";
 import type { Problem } from "./problems";
-import type { DetectResult, Mode } from "./result";
+import type { Options } from "./api";
+import type { DetectResult, LevelName, Mode } from "./result";
 
 /** What a request is about right now. */
 export type Phase =
@@ -21,6 +22,16 @@ export interface Surface {
   normals: Float32Array;
   /** Red, green and blue of every corner in linear light, if the mesh has colours of its own. */
   colors: Float32Array | null;
+  /** Two numbers a corner from the upper left of its picture, and which corners have which; if it has some. */
+  places: Float32Array | null;
+  pictures: { image: ImageBitmap; start: number; count: number }[];
+}
+
+/** One of several files that were opened together. */
+export interface Entry {
+  file: File;
+  result: DetectResult | null;
+  problem: Problem | null;
 }
 
 export interface State {
@@ -28,9 +39,14 @@ export interface State {
   file: File | null;
   mode: Mode;
   maxError: number;
+  /** Which of the groups that hold is asked for: one by its tolerance in the file's units, or else by name. */
+  level: LevelName;
+  tolerance: number | null;
+  /** The files that were opened together, if they are several. */
+  batch: Entry[];
   /** The answer that is shown, and the options it was asked with; it stays while the next is on its way. */
   result: DetectResult | null;
-  answered: { mode: Mode; maxError: number } | null;
+  answered: Options | null;
   items: Item[];
   surface: Surface | null;
   selected: string | null;
@@ -40,6 +56,11 @@ export interface State {
   up: Up;
   /** Largest distance of the heat map, unit frame; null while it is measured. */
   heatLargest: number | null;
+  /** How the picture is drawn. */
+  flat: boolean;
+  wire: boolean;
+  grid: boolean;
+  ruler: boolean;
   theme: "light" | "dark";
 }
 

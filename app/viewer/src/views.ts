@@ -4,6 +4,7 @@ import { errorGradient, heatGradient, LEAST_ERROR } from "./colors";
 import { byId, h } from "./dom";
 import { short, unitSign } from "./format";
 import { icon } from "./icons";
+import { gridStep } from "./measure";
 import { LEAST_HEAT } from "./meshview";
 import { segments } from "./segments";
 import { accepted, subject, type State, type Store, type Up, type View } from "./store";
@@ -39,15 +40,70 @@ export function attachViews(store: Store, home: () => void): void {
   );
   const [views, tools, legend] = [byId("views"), byId("tools"), byId("legend")];
   views.append(view.element);
-  tools.append(up.element, reset);
+  const drawing = drawn(store);
+  tools.append(drawing.element, up.element, reset);
   store.subscribe((state) => {
     view.show(state.view);
     up.show(state.up);
+    drawing.show(state);
     tools.hidden = state.surface === null;
     views.hidden = subject(state) === null;
     legend.hidden = subject(state) === null || (state.view === "mesh" && accepted(state).length === 0);
     if (!legend.hidden) legend.replaceChildren(...legendOf(state));
   });
+}
+
+const DRAWN = [
+  { name: "flat", label: "Orthographic", title: "What is far is not smaller" },
+  { name: "wire", label: "Wireframe", title: "The edges of all triangles" },
+  { name: "grid", label: "Grid", title: "Round lengths of the file on the ground" },
+  { name: "ruler", label: "Ruler", title: "From the file's origin to the chosen plane or axis" },
+] as const;
+
+/** How the picture is drawn: boxes to check, behind a button. */
+function drawn(store: Store): { element: HTMLElement; show(state: State): void } {
+  const boxes = DRAWN.map(({ name }) =>
+    h("input", { type: "checkbox", onchange: (event: Event) => set(name, event) }),
+  );
+  const step = h("p", { class: "muted small", id: "grid-step" });
+  const element = h(
+    "details",
+    { class: "drawn" },
+    h("summary", { title: "How the picture is drawn" }, "Drawing"),
+    h(
+      "div",
+      { class: "choices" },
+      ...DRAWN.map(({ label, title }, index) =>
+        h("label", { class: "check small", title }, boxes[index], label),
+      ),
+      step,
+    ),
+  );
+  element.addEventListener("keydown", (event) => {
+    if (event.key === "Escape") element.open = false;
+  });
+  document.addEventListener("pointerdown", (event) => {
+    if (!element.contains(event.target as Node)) element.open = false;
+  });
+  const set = (name: (typeof DRAWN)[number]["name"], event: Event): void =>
+    store.set({ [name]: (event.currentTarget as HTMLInputElement).checked });
+  return {
+    element,
+    show(state) {
+      DRAWN.forEach(({ name }, index) => (boxes[index].checked = state[name]));
+      const { result } = state;
+      step.textContent =
+        result && state.grid
+          ? `A square of the grid is ${short(gridStep(result))} ${unitSign(result.frame.units)} wide.`.replace(
+              "  ",
+              " ",
+            )
+          : state.ruler && !state.selected
+            ? "Choose a plane or axis to measure."
+            : "";
+      step.hidden = step.textContent === "";
+    },
+  };
 }
 
 function legendOf(state: State): HTMLElement[] {

@@ -8,11 +8,23 @@ import type { Vector } from "../src/result";
 
 test("a link names an example and options, and falls back where it does not", () => {
   const read = readLink("#example=vase.ply&mode=paper&max_error=0.001");
-  assert.deepEqual([read?.example.file, read?.options], ["vase.ply", { mode: "paper", maxError: 1e-3 }]);
+  const plain = { level: "auto", tolerance: null };
+  assert.deepEqual(
+    [read?.example.file, read?.options],
+    ["vase.ply", { mode: "paper", maxError: 1e-3, ...plain }],
+  );
   assert.deepEqual(readLink("#example=vase.ply&mode=x&max_error=-1")?.options, {
     mode: "full",
     maxError: 4e-4,
+    ...plain,
   });
+  assert.deepEqual(readLink("#example=vase.ply&level=exact&tolerance=0.5")?.options, {
+    mode: "full",
+    maxError: 4e-4,
+    level: "exact",
+    tolerance: 0.5,
+  });
+  assert.equal(readLink("#example=vase.ply&tolerance=Infinity")?.options.tolerance, null);
   assert.equal(readLink("#example=../secret"), null);
   assert.equal(readLink(""), null);
 });

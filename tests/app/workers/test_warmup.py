@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from app.outputs.registry import MESH_WRITERS
 from app.workers.warmup import sample_clouds, sample_files
@@ -20,6 +21,7 @@ import importlib, pkgutil, sys
 import model
 from app.detection import MeshLimits, Options, parse_and_detect
 from app.workers.warmup import warm_up
+from model.formats.reading import read_mesh
 from model import Detector
 
 def kernels():
@@ -40,6 +42,9 @@ for path in sys.argv[1:]:
     for mode in ("full", "paper"):
         options = Options(mode, include=("rejected", "bop"))
         parse_and_detect(detector, open(path, "rb").read(), path, options, MeshLimits())
+text = b"mtllib a.mtl\\nv 0 0 0\\nv 1 0 0\\nv 0 1 0\\nvt 0 1\\nusemtl b\\nf 1/1 2/1 3/1\\n"
+files = {"a.mtl": b"newmtl b\\nmap_Kd b.png\\n", "b.png": b"\\x89PNG\\r\\n\\x1a\\n"}
+assert read_mesh(text, "a.obj", resources=files.get, looks=True).texture is not None
 print(sorted(set(sys.modules) - modules), end=" ")
 print([name for name, signatures in kernels().items() if signatures != before[name]])
 """
@@ -62,10 +67,17 @@ def test_every_sample_cloud_is_that_box(name: str, data: bytes) -> None:
     assert len(mesh.vertices) == 90
 
 
+def nested() -> bytes:
+    """A box in a box."""
+    parts = [trimesh.creation.box((4, 2, 2)), trimesh.creation.box((1, 1, 0.5))]
+    return trimesh.util.concatenate(parts).export(file_type="stl")
+
+
 def test_real_files_need_no_further_kernel_and_no_further_module(tmp_path: Path) -> None:
     """Open, crossing, thin and scattered surfaces among them, and clouds of every format."""
     for name, shape in SHAPES.items():
         (tmp_path / f"{name}.stl").write_bytes(MESH_WRITERS["stl"].file(*shape(600)))
+    (tmp_path / "nested.stl").write_bytes(nested())
     for kind, (extension, data) in CLOUDS.items():
         (tmp_path / f"{kind}.{extension}").write_bytes(data)
     found = [*DATA.iterdir(), *tmp_path.iterdir()]

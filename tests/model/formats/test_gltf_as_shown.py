@@ -35,11 +35,11 @@ class Document:
         self.accessors.append(accessor | more)
         return len(self.accessors) - 1
 
-    def read(self, primitive, **more):
+    def read(self, primitive, *, looks=False, **more):
         data = gltf(
             bytes(self.data), self.accessors, self.views, [{"attributes": {"POSITION": 0}, **primitive}], **more
         )
-        return read_mesh(data, "a.gltf")
+        return read_mesh(data, "a.gltf", looks=looks)
 
 
 def corners(mesh):

@@ -26,6 +26,18 @@ def test_lines_may_end_as_on_any_system(kind, ending):
 
 
 @pytest.mark.parametrize("kind", TEXTS)
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-8"])
+def test_text_may_have_letters_of_16_bits(kind, encoding):
+    text, name = export(sample(), kind).decode(), f"a.{kind.split('_')[0]}"
+    expected = read_mesh(text.encode(), name)
+    read = read_mesh(("\ufeff" + text).encode(encoding), name)
+    assert np.array_equal(read.vertices, expected.vertices)
+    assert np.array_equal(read.faces, expected.faces)
+    binary = b"\xff\xfe" + export(sample(), "stl")[2:]  # the header of a binary STL may begin with anything
+    assert len(read_mesh(binary, "a.stl").faces) == len(expected.faces)
+
+
+@pytest.mark.parametrize("kind", TEXTS)
 def test_decimal_commas_are_named(kind):
     mesh = trimesh.creation.box((1.5, 2.5, 3.5))
     with pytest.raises(UnreadableMeshError, match="decimal commas"):
@@ -233,7 +245,7 @@ def test_archives_are_told_apart(names, words):
 @pytest.mark.parametrize(
     ("extension", "words"),
     [("step", "FreeCAD"), ("igs", "FreeCAD"), ("fbx", "Blender"), ("blend", "Blender"), ("dae", "Blender"),
-     ("usdz", "Blender"), ("zip", "Unpack"), ("gz", "Unpack"), ("laz", "points"), ("mtl", "materials"),
+     ("usdz", "Blender"), ("gz", "Unpack"), ("laz", "points"), ("mtl", "materials"),
      ("bin", "gltf")],
 )  # fmt: skip
 def test_unsupported_extensions_come_with_the_next_step(extension, words):

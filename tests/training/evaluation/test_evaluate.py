@@ -27,6 +27,7 @@ from training.evaluation.grouping import render_by
 from training.evaluation.judging import _Judge, _missing_part
 from training.evaluation.matching import Found, FoundAxis
 from training.evaluation.method import Answer, Method
+from training.evaluation.plain import render_plain
 from training.evaluation.registry import build, expand
 from training.evaluation.report import render, summarise
 from training.oracle.known_truth import written_truth
@@ -120,6 +121,19 @@ def test_an_oracle_gets_full_marks_and_its_inventions_are_seen(folder: Path):
     text = render(report, "clean", 4e-4)
     assert "| full | 6 | " in text
     assert "infer 2.0" in text
+    people = render_plain(report, "clean", 4e-4)
+    assert "|" not in people
+    assert "infer 2.0" in people
+    heading, *rows = people.splitlines()
+    assert heading == text.splitlines()[0]
+    titles = next(row for row in rows if row.startswith("Best plane"))
+    shapes = next(row for row in rows if row.split()[:1] == ["shapes"])
+    assert titles.split()[2:] == ["full", "paper"]
+    assert shapes.split()[1:] == ["6", "6"]
+    # Figures stand below the end of the method's name.
+    assert [row.rindex("6") for row in (shapes,)] == [len(titles) - 1]
+    recall = next(row for row in rows if row.split()[:2] == ["clear", "planes"])
+    assert recall.split()[2:] == ["100.0%", "100.0%"]
 
 
 @pytest.mark.usefixtures("oracle")
@@ -343,8 +357,11 @@ def invoke(*arguments: object) -> Result:
 def test_the_command_prints_one_table(folder: Path):
     result = invoke(folder, "--methods", "pca+refined", "--limit", 3, "--damage", "rotated")
     assert result.exit_code == 0, result.output
-    assert "| PCA + refinement | 3 |" in result.output
     assert "3 shapes, rotated" in result.output
+    assert "PCA + refinement\n" in result.output
+    assert "|" not in result.output
+    result = invoke(folder, "--methods", "pca+refined", "--limit", 3, "--damage", "rotated", "--markdown")
+    assert "| PCA + refinement | 3 |" in result.output
 
 
 @pytest.mark.parametrize(

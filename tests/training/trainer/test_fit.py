@@ -179,3 +179,49 @@ def test_another_start_or_architecture_is_refused(prepared: PreparedSet, tmp_pat
     with pytest.raises(ValueError, match="another architecture"):
         fit(TINY.replace(network={"width": 2}), prepared, tmp_path / "wide", start=start, device="cpu")
     assert not (tmp_path / "wide").exists()
+
+
+def test_a_run_can_be_extended_and_not_cut_short(prepared: PreparedSet, tmp_path: Path):
+    said: list[str] = []
+    short, longer = TINY.replace(optimizer={"steps": 3}), TINY.replace(optimizer={"steps": 5})
+    fit(short, prepared, tmp_path, device="cpu", on_message=said.append)
+    assert not any("extended" in line for line in said)
+    fit(longer, prepared, tmp_path, device="cpu", on_message=said.append)
+    assert any("extended from 3 to 5 steps" in line for line in said)
+    assert [int(row["step"]) for row in curve(tmp_path)] == [3, 5]
+    assert json.loads((tmp_path / "run.json").read_text())["recipe"]["optimizer"]["steps"] == 5
+    with pytest.raises(ValueError, match=r"optimizer\.steps is 5 there and 3 here"):
+        fit(short, prepared, tmp_path, device="cpu")
+
+
+def test_a_refused_run_names_what_differs(prepared: PreparedSet, mesh_folder: Path, tmp_path: Path):
+    short = TINY.replace(optimizer={"steps": 1})
+    fit(short, prepared, tmp_path / "run", device="cpu")
+    with pytest.raises(ValueError, match=r"recipe\.seed is 0 there and 9 here\. Give"):
+        fit(short.replace(seed=9), prepared, tmp_path / "run", device="cpu")
+    other = short.replace(loss={"regularization": 3.0}, optimizer={"batch": 4})
+    with pytest.raises(
+        ValueError, match=r"loss\.regularization is 2\.0 there and 3\.0 here; recipe\.optimizer\.batch is"
+    ):
+        fit(other, prepared, tmp_path / "run", device="cpu")
+    prepare([mesh_folder / "box"], tmp_path / "set", Options(), progress=False)
+    with pytest.raises(ValueError, match=r"data\.\w+ is .+ there and .+ here"):
+        fit(short, PreparedSet(tmp_path / "set"), tmp_path / "run", device="cpu")
+
+
+def test_too_few_shapes_to_validate_are_told(prepared: PreparedSet, tmp_path: Path):
+    short = TINY.replace(optimizer={"steps": 1})
+    said: dict[float, str] = {}
+    for share in (1e-6, 0.05, 0.6):
+        lines: list[str] = []
+        run = tmp_path / str(share)
+        fit(short.replace(validation_share=share), prepared, run, device="cpu", on_message=lines.append)
+        said[share] = " ".join(lines)
+    assert len(prepared.split(1e-6)[1]) == 0
+    assert "chosen on shapes that are trained on" in said[1e-6]
+    few = len(prepared.split(0.05)[1])
+    assert 0 < few < 20
+    assert f"{few} shape" in said[0.05]
+    assert "to validate with are too few" in said[0.05]
+    assert len(prepared.split(0.6)[1]) >= 20
+    assert "warning" not in said[0.6]
