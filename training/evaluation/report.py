@@ -195,7 +195,7 @@ def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "plane_recall": _mean(found for answer in clear for found in answer["planes_found"]),
         "planes_roughly": sum(answer["planes_roughly"] for answer in clear) / planes if planes else None,
         "dominant_share": _mean(answer["dominant"] for answer in clear),
-        "mean_precision": _mean(_precision(answer["matches"]) for answer in clear),
+        "mean_precision": _mean(average_precision(answer["matches"]) for answer in clear),
         "plane_recall_shown": _mean(found for found, error in shown if error <= max_error),
         "dominant_share_shown": _mean(
             answer["dominant"] for record, answer in pairs if min(record["shown_sde"], default=np.inf) <= max_error
@@ -223,7 +223,8 @@ def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
     }
 
 
-def _precision(matches: Sequence[bool]) -> float:
+def average_precision(matches: Sequence[bool]) -> float:
+    """Of planes in their order: the mean share of right ones up to each right one; 0 where none is right."""
     right = np.flatnonzero(matches)
     return float((np.arange(1, len(right) + 1) / (right + 1)).mean()) if len(right) else 0.0
 

@@ -74,7 +74,7 @@ def oracle(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def methods(names: Sequence[str], max_error: float) -> dict[str, Method]:
         return {name: Oracle(name, truths) for name in names}
 
-    monkeypatch.setattr(evaluation, "_methods", methods)
+    monkeypatch.setattr(evaluation, "build_all", methods)
 
 
 def test_written_truth_is_symmetric_in_the_unit_frame(folder: Path):
