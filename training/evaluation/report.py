@@ -15,6 +15,10 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
 - *completion*: distance, unit frame, of the missing part from what mirroring puts in its place (the paper's
   application), by the returned plane that does so best (one about which the hole itself is symmetric fills nothing),
   root-mean-square a shape; over the shapes whose missing part has a mirror image at all. No plane counts 1.
+- *surface shown*: share of the intact surface within 2 % of its diameter of the mesh as shown; *completed*: of that or
+  of its mirror image in the first plane returned, as `/complete` would make it (nothing is added without a plane);
+  *completable*: in the best clear plane; *false*: share of the mirror image that is 2 % off the intact surface. Over
+  the shapes with a clear plane, where something is missing.
 - *planes a shape*, *mean SDE returned*, *over t*: of all planes returned; the last on fresh samples of the mesh shown,
   axes included.
 - *ms*: CPU milliseconds, half and 95 % of the shapes stay below; on files of 3,000 to 6,000 faces besides.
@@ -69,6 +73,10 @@ BEST_PLANE: tuple[Column, ...] = (
     ("within_5", "a plane <= 5°", "{:.1%}"),
     ("within_15", "<= 15°", "{:.1%}"),
     ("completion", "completion, mean error", "{:.2e}"),
+    ("surface_before", "surface shown", "{:.1%}"),
+    ("surface_after", "completed", "{:.1%}"),
+    ("surface_possible", "completable", "{:.1%}"),
+    ("surface_wrong", "false", "{:.1%}"),
     ("planes", "planes a shape", "{:.2f}"),
     ("returned_mean", "mean SDE returned", "{:.2e}"),
     ("over_threshold", "over t", "{:.2%}"),
@@ -132,7 +140,7 @@ def _asymmetric(record: Mapping[str, Any]) -> bool:
 def _figures(done: Sequence[Mapping[str, Any]], method: str, max_error: float) -> dict[str, Any]:
     pairs = [(record, record["methods"][method]) for record in done if method in record["methods"]]
     figures: dict[str, Any] = {"title": pairs[0][1]["title"], "shapes": len(pairs)}
-    figures |= _best_plane(pairs, max_error) | _completeness(pairs, max_error)
+    figures |= _best_plane(pairs, max_error) | _completion(pairs) | _completeness(pairs, max_error)
     figures["stages_p50"] = _stages([answer["stages"] for _, answer in pairs])
     return {key: value for key, value in figures.items() if value is not None}
 
@@ -182,6 +190,17 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "ms_p50": _percentile(times, 50),
         "ms_p95": _percentile(times, 95),
         "ms_middle_p50": _percentile(middle, 50),
+    }
+
+
+def _completion(pairs: Pairs) -> dict[str, Any]:
+    """How much of the intact surface there is before and after mirroring; nothing where nothing is missing."""
+    clear = [pair for pair in pairs if pair[0]["clear_planes"] and "surface_after" in pair[1]]
+    if all(record["surface_before"] == 1.0 for record, _ in clear):
+        return {}
+    return {
+        **{key: _mean(record[key] for record, _ in clear) for key in ("surface_before", "surface_possible")},
+        **{key: _mean(answer[key] for _, answer in clear) for key in ("surface_after", "surface_wrong")},
     }
 
 

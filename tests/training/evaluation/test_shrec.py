@@ -20,6 +20,7 @@ BOX = np.array([[x, y, z] for x in (-2.0, 2.0) for y in (-1.0, 1.0) for z in (-0
 CLOUD = KnownCloud(
     "box", False, BOX + np.array([5.0, 0.0, 0.0]), np.array([[1, 0, 0, -5.0], [0, 1, 0, 0], [0, 0, 1, 0]])
 )
+CENTRE = np.array([5.0, 0.0, 0.0])
 DIAGONAL = np.linalg.norm([4.0, 2.0, 1.0])
 
 
