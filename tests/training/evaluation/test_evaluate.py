@@ -273,9 +273,10 @@ def test_half_a_box_is_completed_by_its_plane_and_by_no_other():
     assert (mirrored.there(right), mirrored.wrong(right)) == (1.0, 0.0)
     assert mirrored.there(across) == mirrored.there(np.zeros((0, 4)))  # maps the half to itself
     assert mirrored.wrong(across) == 0.0
-    # Moved by a twentieth of the box: the far side lands outside, the others slide along themselves.
-    assert mirrored.there(beside) == pytest.approx(12 / 24 + 6.4 / 24, abs=0.05)
-    assert mirrored.wrong(beside) == pytest.approx((4 + 8 * 0.13) / 12, abs=0.05)
+    # Moved by a twentieth of the box: the far side lands outside, the others slide along themselves, less a gap.
+    near = 0.02 * 2.0 * np.sqrt(3.0)
+    assert mirrored.there(beside) == pytest.approx(0.5 + 8 * (0.8 + 3 * near) / 24, abs=0.04)
+    assert mirrored.wrong(beside) == pytest.approx((4 + 8 * (0.2 - near)) / 12, abs=0.04)
 
 
 def test_only_symmetric_shapes_are_drawn_when_asked(folder: Path):
