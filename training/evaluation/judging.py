@@ -91,7 +91,9 @@ def judge(
             "fresh_sde": fresh,
             "completion": _least(hole(plane) for plane in found.planes),
             "surface_after": mirrored.there(found.planes[:1]),
+            "surface_all": mirrored.there(found.planes),
             "surface_wrong": mirrored.wrong(found.planes[:1]),
+            "surface_all_wrong": mirrored.wrong(found.planes),
             "ms": spent,
         }
     for name, given in (recorded or {}).items():
@@ -202,7 +204,7 @@ def _missing_part(
 class _Mirrored:
     """What a mesh as shown becomes when all of it is mirrored in a plane: how much of the intact one, how much besides.
 
-    The planes are given in the coordinates shown, none or one ``(1, 4)``.
+    Planes ``(k, 4)`` are given in the coordinates shown; what is shown is mirrored in each of them, once.
     """
 
     def __init__(self, whole: "_Judge", seen: "_Judge", shown: CorruptedShape, frame: UnitFrame) -> None:
@@ -212,7 +214,7 @@ class _Mirrored:
         self._shown = seen.surface.squared_distances(self._places) <= self._near
 
     def there(self, planes: FloatArray) -> float:
-        """The share of the intact surface within `_FILLED` of what is shown or of its mirror image."""
+        """The share of the intact surface within `_FILLED` of what is shown or of a mirror image of it."""
         filled = self._shown
         for plane in planes:
             images = reflect(self._places, self._frame.plane_to_unit(plane))
@@ -220,13 +222,13 @@ class _Mirrored:
         return float(filled.mean())
 
     def wrong(self, planes: FloatArray) -> float:
-        """The share of the mirror image that is farther than `_FILLED` from the intact surface."""
-        shares = [0.0]
+        """The share of the mirror images that is farther than `_FILLED` from the intact surface; 0 of no plane."""
+        shares: list[float] = []
         for plane in planes:
             images = self._frame.to_input(reflect(self._seen.samples, self._frame.plane_to_unit(plane)))
             away = self._whole.surface.squared_distances(self._similarity.points_to_unit(images))
             shares.append(float((away > _FILLED**2).mean()))
-        return shares[-1]
+        return float(np.mean(shares)) if shares else 0.0
 
 
 class _Judge:

@@ -17,8 +17,8 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
   root-mean-square a shape; over the shapes whose missing part has a mirror image at all. No plane counts 1.
 - *surface shown*: share of the intact surface within 2 % of its diameter of the mesh as shown; *completed*: of that or
   of its mirror image in the first plane returned, as `/complete` would make it (nothing is added without a plane);
-  *completable*: in the best clear plane; *false*: share of the mirror image that is 2 % off the intact surface. Over
-  the shapes with a clear plane, where something is missing.
+  *false*: share of the mirror image that is 2 % off the intact surface; *by all*, *false*: mirrored in every plane
+  returned; *completable*: in the best clear plane. Over the shapes with a clear plane, where something is missing.
 - *planes a shape*, *mean SDE returned*, *over t*: of all planes returned; the last on fresh samples of the mesh shown,
   axes included.
 - *ms*: CPU milliseconds, half and 95 % of the shapes stay below; on files of 3,000 to 6,000 faces besides.
@@ -75,8 +75,10 @@ BEST_PLANE: tuple[Column, ...] = (
     ("completion", "completion, mean error", "{:.2e}"),
     ("surface_before", "surface shown", "{:.1%}"),
     ("surface_after", "completed", "{:.1%}"),
-    ("surface_possible", "completable", "{:.1%}"),
     ("surface_wrong", "false", "{:.1%}"),
+    ("surface_all", "by all", "{:.1%}"),
+    ("surface_all_wrong", "false", "{:.1%}"),
+    ("surface_possible", "completable", "{:.1%}"),
     ("planes", "planes a shape", "{:.2f}"),
     ("returned_mean", "mean SDE returned", "{:.2e}"),
     ("over_threshold", "over t", "{:.2%}"),
@@ -200,7 +202,10 @@ def _completion(pairs: Pairs) -> dict[str, Any]:
         return {}
     return {
         **{key: _mean(record[key] for record, _ in clear) for key in ("surface_before", "surface_possible")},
-        **{key: _mean(answer[key] for _, answer in clear) for key in ("surface_after", "surface_wrong")},
+        **{
+            key: _mean(answer[key] for _, answer in clear)
+            for key in ("surface_after", "surface_wrong", "surface_all", "surface_all_wrong")
+        },
     }
 
 
