@@ -12,7 +12,12 @@ Verbose = Annotated[bool, typer.Option("--progress/--no-progress", help="Show a 
 
 
 def evaluate(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of meshes; a ground_truth.json beside them is used.")],
+    folders: Annotated[
+        list[Path] | None, typer.Argument(help="Folders of meshes; a ground_truth.json beside them is used.")
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="meshes, or shrec: point clouds made here, counted as the SHREC 2023 track does.")
+    ] = "meshes",
     methods: Annotated[
         str | None,
         typer.Option(
@@ -22,12 +27,13 @@ def evaluate(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Judge this many shapes, drawn at random.")] = None,
     damage: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="clean: pose as in the file; in random poses: rotated, noisy, partial (a ball missing), ball25, "
-            "ball35, depth1 and depth3 (what so many depth images see), decimated."
+            help="clean: pose as in the file; in random poses: rotated (the default), noisy, partial (a ball missing), "
+            "ball25, ball35, depth1 and depth3 (what so many depth images see), decimated. Of clouds, separated by "
+            "commas: clean, uniform, gaussian, undersampled, hard, severe; all by default."
         ),
-    ] = "rotated",
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write figures and records here.")] = None,
@@ -52,15 +58,33 @@ def evaluate(
     progress: Verbose = True,
 ) -> None:
     """Judge networks, the detector's modes and classical methods side by side: exact distances, one report."""
-    from training.evaluation.command import run
+    from training.evaluation import command, shrec
     from training.evaluation.evaluate import Options
     from training.evaluation.registry import DEFAULT_METHODS
+    from training.shapes.clouds import PERTURBATIONS
 
     try:
         names = DEFAULT_METHODS if methods is None else tuple(methods.split(","))
-        text = run(
-            folders,
-            Options(damage, names, max_error, seed, symmetric, recorded=str(recorded or "")),
+        if protocol not in ("meshes", "shrec"):
+            raise ValueError(f"protocol is meshes or shrec, not {protocol!r}")
+        if (protocol == "meshes") != bool(folders):
+            raise ValueError("meshes come from folders, clouds are made: the protocol shrec takes no folder")
+        if protocol == "shrec":
+            text = shrec.run(
+                damage.split(",") if damage else tuple(PERTURBATIONS),
+                names,
+                max_error=max_error,
+                seed=seed,
+                limit=limit or shrec.CLOUDS,
+                workers=workers,
+                json_file=json_file,
+                progress=progress,
+            )
+            typer.echo(text)
+            return
+        text = command.run(
+            folders or [],
+            Options(damage or "rotated", names, max_error, seed, symmetric, recorded=str(recorded or "")),
             by=by,
             manifest=manifest,
             json_file=json_file,

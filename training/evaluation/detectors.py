@@ -43,7 +43,9 @@ class Detection:
         planes = np.array([np.append(plane.normal, plane.offset) for plane in found.planes]).reshape(-1, 4)
         axes = [FoundAxis(axis.direction, axis.point, None if axis.continuous else axis.order) for axis in found.axes]
         exact = [element.exact for element in (*found.planes, *found.axes)]
-        return Answer(Found(planes, axes), dict(found.timings_ms), found.point_group, exact)
+        sure = [plane.confidence for plane in found.planes if plane.confidence is not None]
+        confidence = sure if len(sure) == len(found.planes) else None
+        return Answer(Found(planes, axes), dict(found.timings_ms), found.point_group, exact, confidence)
 
 
 @dataclass(frozen=True, slots=True)

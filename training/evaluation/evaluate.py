@@ -5,25 +5,22 @@ against what is known of the intact shape (`judging`, `matching`). Errors are ex
 seen. `report` turns the records into tables.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from model.detector import use_one_thread
 from model.errors import PRSNetError
 from model.geometry.frames import UnitFrame
 from model.paper.validation import MAX_ERROR
 from training.evaluation.corruptions import DAMAGES
 from training.evaluation.judging import judge
-from training.evaluation.method import Method
 from training.evaluation.recorded import RecordedPlanes, read_recorded
-from training.evaluation.registry import DEFAULT_METHODS, build, expand
+from training.evaluation.registry import DEFAULT_METHODS, build_all, expand
+from training.evaluation.resuming import append, resumed
 from training.layouts import SourceFile, find_meshes, parse
 from training.oracle.known_truth import truth_of, written_entry
 from training.oracle.truth import Truth, load
@@ -104,7 +101,7 @@ def evaluate(
         raise ValueError("recorded planes are those of whole shapes: damage is clean or rotated")
     sources = [pair for pair in enumerate(find_meshes(folders)) if only is None or only(pair[1].name)]
     sources = _drawn(sources, options, known, recorded, limit)
-    records = _resumed(resume, options)
+    records = resumed(resume, asdict(options))
     jobs = [
         _Job(source, index, known.get(source.name), recorded.get(source.name, {}), options)
         for index, source in sources
@@ -112,9 +109,7 @@ def evaluate(
     ]
     for record in tqdm(spread(_judge_file, jobs, workers, chunk=2), total=len(jobs), unit="mesh", disable=not progress):
         records[record["name"]] = record
-        if resume is not None:
-            with resume.open("a", encoding="utf-8") as lines:
-                lines.write(json.dumps(record) + "\n")
+        append(resume, record)
     names = {source.name for _, source in sources}
     return [records[name] for name in sorted(records) if name in names]
 
@@ -148,34 +143,6 @@ def _may_be_symmetric(source: SourceFile, known: Mapping[str, Truth]) -> bool:
     return source.name not in known or len(known[source.name].clear_planes()) > 0
 
 
-def _resumed(file: Path | None, options: Options) -> dict[str, dict[str, Any]]:
-    """The records of an earlier call, none if it was another one; the first line says which."""
-    head = json.dumps({"options": asdict(options)})
-    if file is None:
-        return {}
-    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    if not lines or lines[0] != head:
-        file.write_text(head + "\n", encoding="utf-8")
-        return {}
-    records: dict[str, dict[str, Any]] = {}
-    whole: list[str] = [head]
-    for line in lines[1:]:
-        try:
-            record = json.loads(line)
-        except json.JSONDecodeError:  # cut off while it was written
-            continue
-        records[record["name"]] = record
-        whole.append(line)
-    file.write_text("\n".join(whole) + "\n", encoding="utf-8")
-    return records
-
-
-@lru_cache(maxsize=1)
-def _methods(names: tuple[str, ...], max_error: float) -> dict[str, Method]:
-    use_one_thread()
-    return {name: build(name, max_error) for name in expand(names)}
-
-
 def _judge_file(job: _Job) -> dict[str, Any]:
     head = {"name": job.source.name, "source": job.source.category or job.source.source}
     options = job.options
@@ -187,6 +154,6 @@ def _judge_file(job: _Job) -> dict[str, Any]:
     truth, group = truth_of(job.source.path, mesh, frame, job.truth)
     if options.symmetric and not len(truth.clear_planes()):
         return head | {"skipped": "it has no clear plane"}
-    methods = _methods(options.methods, options.max_error)
+    methods = build_all(options.methods, options.max_error)
     seed = options.seed, job.index
     return head | {"group": group} | judge(mesh, truth, options.damage, seed, methods, job.recorded)

@@ -37,6 +37,9 @@ _JUDGE_SEED, _FRESH_SEED = 7919, 104729
 _GONE = 0.02
 """Unit frame: surface farther than this from the mesh as shown is missing. Noise and decimation stay below."""
 
+_FILLED = 0.02
+"""Unit frame of the intact shape: surface is there, or was completed rightly, to within 2 % of its diameter."""
+
 _SWEEP = 12
 """Angles a continuous axis is judged at; the worst counts."""
 
@@ -62,8 +65,9 @@ def judge(
     Returns:
         ``faces`` (of the file), ``shown_faces``, ``clear_planes``, ``clear_axes`` (numbers of), ``truth_planes``,
         ``shown_sde`` (errors of the clear planes on the mesh as it is shown), ``completion_possible`` (the error of the
-        missing part mirrored in the best clear plane; None where nothing is missing), ``listed`` (true planes and axes
-        of any error) and ``methods``: a record each, see `_record`.
+        missing part mirrored in the best clear plane; None where nothing is missing), ``surface_before`` and
+        ``surface_possible`` (shares of the intact surface that is shown, and that is there once the best clear plane
+        has mirrored it), ``listed`` (true planes and axes of any error) and ``methods``: a record each, see `_record`.
     """
     shown = corrupt(mesh.vertices, mesh.faces, damage, *seed)
     intact_frame = UnitFrame.of(mesh.vertices, mesh.faces)
@@ -72,6 +76,7 @@ def judge(
     seen = _Judge(frame.to_unit(shown.vertices), shown.faces, _FRESH_SAMPLES, _FRESH_SEED)
     certain = clear(truth)
     hole = _missing_part(whole.samples, shown, frame, seen)
+    mirrored = _Mirrored(whole, seen, shown, frame)
     shape = Mesh.checked(shown.vertices, shown.faces)
     records: dict[str, Any] = {}
     for name, method in methods.items():
@@ -85,6 +90,10 @@ def judge(
             "title": method.title,
             "fresh_sde": fresh,
             "completion": _least(hole(plane) for plane in found.planes),
+            "surface_after": mirrored.there(found.planes[:1]),
+            "surface_all": mirrored.there(found.planes),
+            "surface_wrong": mirrored.wrong(found.planes[:1]),
+            "surface_all_wrong": mirrored.wrong(found.planes),
             "ms": spent,
         }
     for name, given in (recorded or {}).items():
@@ -103,6 +112,8 @@ def judge(
         "truth_planes": len(truth.planes),
         "shown_sde": [seen.plane(frame.plane_to_unit(plane)) for plane in true_planes],
         "completion_possible": _least(hole(plane) for plane in true_planes),
+        "surface_before": mirrored.there(true_planes[:0]),
+        "surface_possible": max([mirrored.there(plane[None]) for plane in true_planes], default=None),
         "listed": len(truth.planes) + len(truth.axes),
         "methods": records,
     }
@@ -188,6 +199,36 @@ def _missing_part(
         return float(np.sqrt(seen.surface.mean_squared_distance(reflect(gone, frame.plane_to_unit(plane)))))
 
     return error
+
+
+class _Mirrored:
+    """What a mesh as shown becomes when all of it is mirrored in a plane: how much of the intact one, how much besides.
+
+    Planes ``(k, 4)`` are given in the coordinates shown; what is shown is mirrored in each of them, once.
+    """
+
+    def __init__(self, whole: "_Judge", seen: "_Judge", shown: CorruptedShape, frame: UnitFrame) -> None:
+        self._whole, self._seen, self._similarity, self._frame = whole, seen, shown.similarity, frame
+        self._places = frame.to_unit(shown.similarity.to_shown(whole.samples))
+        self._near = (_FILLED * shown.similarity.scale / frame.scale) ** 2
+        self._shown = seen.surface.squared_distances(self._places) <= self._near
+
+    def there(self, planes: FloatArray) -> float:
+        """The share of the intact surface within `_FILLED` of what is shown or of a mirror image of it."""
+        filled = self._shown
+        for plane in planes:
+            images = reflect(self._places, self._frame.plane_to_unit(plane))
+            filled = filled | (self._seen.surface.squared_distances(images) <= self._near)
+        return float(filled.mean())
+
+    def wrong(self, planes: FloatArray) -> float:
+        """The share of the mirror images that is farther than `_FILLED` from the intact surface; 0 of no plane."""
+        shares: list[float] = []
+        for plane in planes:
+            images = self._frame.to_input(reflect(self._seen.samples, self._frame.plane_to_unit(plane)))
+            away = self._whole.surface.squared_distances(self._similarity.points_to_unit(images))
+            shares.append(float((away > _FILLED**2).mean()))
+        return float(np.mean(shares)) if shares else 0.0
 
 
 class _Judge:

@@ -13,13 +13,15 @@ class Answer:
     """What a method returned for a mesh, in the mesh's own coordinates.
 
     Only detectors fill ``stages`` in wall-clock milliseconds, the ``point_group``, and which elements, planes first,
-    are called ``exact``. ``reused_ms``: CPU milliseconds of a part that was taken over from an earlier call.
+    are called ``exact``. ``confidence``: of each plane, where the method tells one. ``reused_ms``: CPU milliseconds of
+    a part that was taken over from an earlier call.
     """
 
     found: Found
     stages: dict[str, float] = field(default_factory=dict[str, float])
     point_group: str | None = None
     exact: list[bool] | None = None
+    confidence: list[float] | None = None
     reused_ms: float = 0.0
 
 

@@ -10,6 +10,7 @@
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
+from model.detector import use_one_thread
 from model.meshes.mesh import Mesh
 from training import baselines
 from training.evaluation.classical import Classical, Exhaustive, Refined, Reused, Validated
@@ -60,6 +61,13 @@ def build(name: str, max_error: float) -> Method:
     vertices, faces = box((1.0, 2.0, 3.0))
     method(Mesh.checked(vertices, faces), (0,))
     return method
+
+
+@lru_cache(maxsize=1)
+def build_all(names: tuple[str, ...], max_error: float) -> dict[str, Method]:
+    """The methods of all names, once a process; see `expand` and `build`."""
+    use_one_thread()
+    return {name: build(name, max_error) for name in expand(names)}
 
 
 @lru_cache(maxsize=64)

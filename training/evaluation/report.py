@@ -15,6 +15,10 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
 - *completion*: distance, unit frame, of the missing part from what mirroring puts in its place (the paper's
   application), by the returned plane that does so best (one about which the hole itself is symmetric fills nothing),
   root-mean-square a shape; over the shapes whose missing part has a mirror image at all. No plane counts 1.
+- *surface shown*: share of the intact surface within 2 % of its diameter of the mesh as shown; *completed*: of that or
+  of its mirror image in the first plane returned, as `/complete` would make it (nothing is added without a plane);
+  *false*: share of the mirror image that is 2 % off the intact surface; *by all*, *false*: mirrored in every plane
+  returned; *completable*: in the best clear plane. Over the shapes with a clear plane, where something is missing.
 - *planes a shape*, *mean SDE returned*, *over t*: of all planes returned; the last on fresh samples of the mesh shown,
   axes included.
 - *ms*: CPU milliseconds, half and 95 % of the shapes stay below; on files of 3,000 to 6,000 faces besides.
@@ -69,6 +73,12 @@ BEST_PLANE: tuple[Column, ...] = (
     ("within_5", "a plane <= 5°", "{:.1%}"),
     ("within_15", "<= 15°", "{:.1%}"),
     ("completion", "completion, mean error", "{:.2e}"),
+    ("surface_before", "surface shown", "{:.1%}"),
+    ("surface_after", "completed", "{:.1%}"),
+    ("surface_wrong", "false", "{:.1%}"),
+    ("surface_all", "by all", "{:.1%}"),
+    ("surface_all_wrong", "false", "{:.1%}"),
+    ("surface_possible", "completable", "{:.1%}"),
     ("planes", "planes a shape", "{:.2f}"),
     ("returned_mean", "mean SDE returned", "{:.2e}"),
     ("over_threshold", "over t", "{:.2%}"),
@@ -132,7 +142,7 @@ def _asymmetric(record: Mapping[str, Any]) -> bool:
 def _figures(done: Sequence[Mapping[str, Any]], method: str, max_error: float) -> dict[str, Any]:
     pairs = [(record, record["methods"][method]) for record in done if method in record["methods"]]
     figures: dict[str, Any] = {"title": pairs[0][1]["title"], "shapes": len(pairs)}
-    figures |= _best_plane(pairs, max_error) | _completeness(pairs, max_error)
+    figures |= _best_plane(pairs, max_error) | _completion(pairs) | _completeness(pairs, max_error)
     figures["stages_p50"] = _stages([answer["stages"] for _, answer in pairs])
     return {key: value for key, value in figures.items() if value is not None}
 
@@ -185,6 +195,20 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
     }
 
 
+def _completion(pairs: Pairs) -> dict[str, Any]:
+    """How much of the intact surface there is before and after mirroring; nothing where nothing is missing."""
+    clear = [pair for pair in pairs if pair[0]["clear_planes"] and "surface_after" in pair[1]]
+    if all(record["surface_before"] == 1.0 for record, _ in clear):
+        return {}
+    return {
+        **{key: _mean(record[key] for record, _ in clear) for key in ("surface_before", "surface_possible")},
+        **{
+            key: _mean(answer[key] for _, answer in clear)
+            for key in ("surface_after", "surface_wrong", "surface_all", "surface_all_wrong")
+        },
+    }
+
+
 def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
     clear = [answer for record, answer in pairs if record["clear_planes"]]
     shown = [pair for record, answer in pairs for pair in zip(answer["planes_found"], record["shown_sde"], strict=True)]
@@ -195,7 +219,7 @@ def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
         "plane_recall": _mean(found for answer in clear for found in answer["planes_found"]),
         "planes_roughly": sum(answer["planes_roughly"] for answer in clear) / planes if planes else None,
         "dominant_share": _mean(answer["dominant"] for answer in clear),
-        "mean_precision": _mean(_precision(answer["matches"]) for answer in clear),
+        "mean_precision": _mean(average_precision(answer["matches"]) for answer in clear),
         "plane_recall_shown": _mean(found for found, error in shown if error <= max_error),
         "dominant_share_shown": _mean(
             answer["dominant"] for record, answer in pairs if min(record["shown_sde"], default=np.inf) <= max_error
@@ -223,7 +247,8 @@ def _completeness(pairs: Pairs, max_error: float) -> dict[str, Any]:
     }
 
 
-def _precision(matches: Sequence[bool]) -> float:
+def average_precision(matches: Sequence[bool]) -> float:
+    """Of planes in their order: the mean share of right ones up to each right one; 0 where none is right."""
     right = np.flatnonzero(matches)
     return float((np.arange(1, len(right) + 1) / (right + 1)).mean()) if len(right) else 0.0
 

@@ -38,8 +38,9 @@ class Experiment:
         differences: what is not as in the paper.
         minimum: what it takes for the figures to mean something.
         methods: names of `training.evaluation.registry`.
-        damages: one table each, of `training.evaluation.corruptions.DAMAGES`.
-        columns: keys of `training.evaluation.report` that the table shows; empty: all that it has.
+        protocol: ``meshes``, or ``shrec`` for the point clouds of `training.evaluation.shrec`.
+        damages: one table each, of `training.evaluation.corruptions.DAMAGES`, or of the perturbations of clouds.
+        columns: keys of `training.evaluation.report`, or of the protocol, that the table shows; empty: all that it has.
         chart: the column that the picture draws.
         symmetric: only shapes with a clear plane.
         words: only shapes whose name has one of these; empty: all.
@@ -58,6 +59,7 @@ class Experiment:
     differences: str
     minimum: str
     methods: tuple[str, ...] = ()
+    protocol: str = "meshes"
     damages: tuple[str, ...] = ("rotated",)
     columns: tuple[str, ...] = ()
     chart: str = "clear_best_mean"

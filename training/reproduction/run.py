@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from training.evaluation import shrec
 from training.evaluation.evaluate import Options, evaluate
 from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE, Column, summarise, table
 from training.reproduction.experiment import Experiment
@@ -19,7 +20,11 @@ from training.trainer.curve import draw_curves
 PROCEDURAL = 120
 """Shapes that are made where no folder is given."""
 
-_KNOWN: dict[str, Column] = {column[0]: column for column in (*BEST_PLANE, *ALL_SYMMETRIES)}
+COLUMNS: dict[str, dict[str, Column]] = {
+    "meshes": {column[0]: column for column in (*BEST_PLANE, *ALL_SYMMETRIES)},
+    "shrec": {column[0]: column for column in shrec.COLUMNS},
+}
+"""What a table of a protocol can show."""
 
 
 def reproduce(
@@ -70,6 +75,8 @@ def reproduce(
         experiment = replace(experiment, damages=tuple(damages))
     experiment = replace(experiment, limit=limit or experiment.limit)
     out.mkdir(parents=True, exist_ok=True)
+    if experiment.protocol == "shrec":
+        return _reproduce_clouds(experiment, out, seed, workers, progress, tell)
     if not folders:
         folders = [out / "shapes"]
         if not (folders[0] / "ground_truth.json").is_file():
@@ -123,30 +130,65 @@ def reproduce(
         if experiment.gallery:
             done = [record for record in records if "skipped" not in record]
             draw_gallery(folders, done[: experiment.gallery], figures, out / f"gallery-{damage}.png")
-    draw_chart(charts, _KNOWN[experiment.chart], out / "chart.png")
+    return _written(experiment, out, charts, rows, sections, ", ".join(folder.name for folder in folders))
+
+
+def _reproduce_clouds(
+    experiment: Experiment, out: Path, seed: int, workers: int, progress: bool, tell: Callable[[str], None]
+) -> str:
+    sections: list[str] = []
+    rows: list[dict[str, Any]] = []
+    charts: dict[str, Mapping[str, Mapping[str, Any]]] = {}
+    for damage in experiment.damages:
+        tell(f"shrec: {damage}")
+        options = shrec.Options(damage, experiment.methods, experiment.max_error, seed)
+        part = out / f"records-{damage}.jsonl"
+        records = shrec.evaluate_clouds(
+            options, limit=experiment.limit, workers=workers, resume=part, progress=progress
+        )
+        charts[damage] = figures = shrec.summarise_clouds(records)
+        sections.append(f"{shrec.heading(records, damage)}\n\n{table(figures, _columns(experiment))}")
+        rows += [{"damage": damage, "method": key, **_plain(of)} for key, of in figures.items()]
+    return _written(experiment, out, charts, rows, sections, "point clouds of extruded plane curves")
+
+
+def _written(
+    experiment: Experiment,
+    out: Path,
+    charts: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    rows: Sequence[Mapping[str, Any]],
+    sections: Sequence[str],
+    shapes: str,
+) -> str:
+    """Write chart, CSV file and page; the text of the page."""
+    draw_chart(charts, COLUMNS[experiment.protocol][experiment.chart], out / "chart.png")
     _write_csv(out / "results.csv", rows)
-    text = _page(experiment, folders, sections)
+    text = _page(experiment, shapes, sections)
     (out / "results.md").write_text(text + "\n", encoding="utf-8")
     return text
+
+
+def _columns(experiment: Experiment) -> list[Column]:
+    known = COLUMNS[experiment.protocol]
+    return [known[key] for key in experiment.columns] or list(known.values())
 
 
 def _section(
     experiment: Experiment, damage: str, report: Mapping[str, Any], figures: Mapping[str, Mapping[str, Any]]
 ) -> str:
-    columns = [_KNOWN[key] for key in experiment.columns] or [*BEST_PLANE, *ALL_SYMMETRIES]
     return (
         f"{damage}: {report['shapes']} shapes, {report['clear']} of them with a clear plane, "
-        f"{report['clear_planes']} clear planes; t = {experiment.max_error:g}\n\n{table(figures, columns)}"
+        f"{report['clear_planes']} clear planes; t = {experiment.max_error:g}\n\n{table(figures, _columns(experiment))}"
     )
 
 
-def _page(experiment: Experiment, folders: Sequence[Path], sections: Sequence[str]) -> str:
+def _page(experiment: Experiment, shapes: str, sections: Sequence[str]) -> str:
     head = [
         f"# {experiment.title}",
         f"The paper, on its own shapes: {experiment.claim}",
         f"Differences: {experiment.differences}",
         f"What it takes: {experiment.minimum}",
-        "Shapes: " + ", ".join(folder.name for folder in folders),
+        f"Shapes: {shapes}",
     ]
     return "\n\n".join([*head, *sections])
 

@@ -17,6 +17,7 @@ from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect, rotation_matrix
 from model.meshes.mesh import Mesh
+from model.meshes.subdivision import subdivide
 from tests import shapes
 from training.__main__ import app
 from training.evaluation.classical import Refined, Reused
@@ -24,7 +25,7 @@ from training.evaluation.command import run
 from training.evaluation.corruptions import CorruptedShape, Similarity, cut_ball
 from training.evaluation.evaluate import Options, evaluate
 from training.evaluation.grouping import render_by
-from training.evaluation.judging import _Judge, _missing_part
+from training.evaluation.judging import _Judge, _Mirrored, _missing_part
 from training.evaluation.matching import Found, FoundAxis
 from training.evaluation.method import Answer, Method
 from training.evaluation.plain import render_plain
@@ -33,6 +34,7 @@ from training.evaluation.report import render, summarise
 from training.oracle.known_truth import written_truth
 from training.oracle.truth import Truth
 from training.shapes.catalogue import write_shapes
+from training.shapes.solids import box
 
 FAMILIES = ("box", "pyramid", "prism", "none", "cylinder", "inversion")
 
@@ -75,7 +77,7 @@ def oracle(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def methods(names: Sequence[str], max_error: float) -> dict[str, Method]:
         return {name: Oracle(name, truths) for name in names}
 
-    monkeypatch.setattr(evaluation, "_methods", methods)
+    monkeypatch.setattr(evaluation, "build_all", methods)
 
 
 def test_written_truth_is_symmetric_in_the_unit_frame(folder: Path):
@@ -265,6 +267,30 @@ def test_a_true_plane_completes_what_a_ball_took_away():
         _Judge(whole.to_unit(mesh.vertices), mesh.faces, 500, 0),
     )
     assert nothing(np.eye(3, 4)[0]) is None
+
+
+def test_half_a_box_is_completed_by_its_plane_and_by_no_other():
+    vertices, faces = box((2.0, 2.0, 2.0))
+    intact = Mesh.checked(*subdivide(vertices, faces, 0.1))
+    whole = UnitFrame.of(intact.vertices, intact.faces)
+    kept = intact.faces[intact.vertices[intact.faces][..., 0].max(1) <= 1e-9]
+    shown = CorruptedShape(intact.vertices, kept, Similarity(np.eye(3), whole.center, whole.scale))
+    frame = UnitFrame.of(shown.vertices, shown.faces)
+    judges = (
+        _Judge(whole.to_unit(intact.vertices), intact.faces, 2000, 0),
+        _Judge(frame.to_unit(shown.vertices), shown.faces, 2000, 1),
+    )
+    mirrored = _Mirrored(*judges, shown, frame)
+    assert mirrored.there(np.zeros((0, 4))) == pytest.approx(0.5, abs=0.05)
+    assert mirrored.wrong(np.zeros((0, 4))) == 0.0
+    right, across, beside = np.eye(3, 4)[:1], np.eye(3, 4)[1:2], np.array([[1.0, 0.0, 0.0, -0.1]])
+    assert (mirrored.there(right), mirrored.wrong(right)) == (1.0, 0.0)
+    assert mirrored.there(across) == mirrored.there(np.zeros((0, 4)))  # maps the half to itself
+    assert mirrored.wrong(across) == 0.0
+    # Moved by a twentieth of the box: the far side lands outside, the others slide along themselves, less a gap.
+    near = 0.02 * 2.0 * np.sqrt(3.0)
+    assert mirrored.there(beside) == pytest.approx(0.5 + 8 * (0.8 + 3 * near) / 24, abs=0.04)
+    assert mirrored.wrong(beside) == pytest.approx((4 + 8 * (0.2 - near)) / 12, abs=0.04)
 
 
 def test_only_symmetric_shapes_are_drawn_when_asked(folder: Path):

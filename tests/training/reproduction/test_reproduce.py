@@ -9,14 +9,15 @@ from typer.testing import CliRunner
 import training.evaluation.evaluate as evaluation
 from training.__main__ import app
 from training.data.prepared import PreparedSet
+from training.evaluation import shrec
 from training.evaluation.corruptions import DAMAGES
 from training.evaluation.registry import expand
-from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE
 from training.recipe import Recipe
 from training.reproduction.experiment import Experiment, known_experiments
 from training.reproduction.networks import judged_on
-from training.reproduction.run import reproduce
+from training.reproduction.run import COLUMNS, reproduce
 from training.shapes.catalogue import write_shapes
+from training.shapes.clouds import PERTURBATIONS
 
 HEAD = """
 title = "A table"
@@ -66,9 +67,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", known_experiments())
 def test_shipped_experiments_name_what_there_is(name: str):
     experiment = Experiment.load(name)
-    columns = {column[0] for column in (*BEST_PLANE, *ALL_SYMMETRIES)}
-    assert {*experiment.columns, experiment.chart} <= columns
-    assert set(experiment.damages) <= set(DAMAGES)
+    assert {*experiment.columns, experiment.chart} <= set(COLUMNS[experiment.protocol])
+    assert set(experiment.damages) <= set(PERTURBATIONS if experiment.protocol == "shrec" else DAMAGES)
     expand(experiment.methods)
     assert experiment.methods or experiment.variants
     for variant in experiment.variants:
@@ -120,6 +120,16 @@ def test_without_meshes_procedural_ones_are_made(tmp_path: Path):
     recipe.write_text(COMPARE.replace('["rotated", "partial"]', '["clean"]').replace("gallery = 2", ""))
     text = reproduce(str(recipe), [], tmp_path / "out", limit=2, progress=False)
     assert "clean: 2 shapes, 2 of them with a clear plane" in text
+
+
+def test_clouds_are_made_and_a_second_call_judges_none_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    recipe, out = tmp_path / "clouds.toml", tmp_path / "out"
+    recipe.write_text(f'{HEAD}methods = ["pca"]\nprotocol = "shrec"\ndamages = ["clean", "hard"]\nchart = "map"\n')
+    text = reproduce(str(recipe), [], out, limit=2, progress=False)
+    assert text.count("| PCA | 2 |") == 2
+    assert (out / "chart.png").read_bytes().startswith(b"\x89PNG")
+    monkeypatch.setattr(shrec, "_judge", None)  # would fail if it were called
+    assert reproduce(str(recipe), [], out, limit=2, progress=False) == text
 
 
 def test_the_command_lists_experiments_and_says_what_is_wrong(tmp_path: Path):
