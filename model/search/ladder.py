@@ -61,26 +61,27 @@ class Ladder:
     def climb(self, candidates: Operations, rms: FloatArray) -> None:
         """Take in candidates ``(k,)`` with their RMS deviations, precise ones in batches, others one by one."""
         settings, limit = self._context.settings, self._context.limit
-        order = np.argsort(rms, kind="stable")
-        done = -1.0
+        needed = rms.copy()  # the tolerance that each is tried at next
         for precision in (settings.file_precision, settings.modelling_precision, settings.feature_precision):
             tolerance = min(precision, limit)
-            batch = order[(rms[order] <= tolerance) & (rms[order] > done)]
-            grown = [self._add(candidates[[int(index)]], tolerance) for index in batch]
+            grown = False
+            for index in np.argsort(needed, kind="stable")[: int((needed <= tolerance).sum())].tolist():
+                needed[index] = self._add(candidates[[index]], tolerance)
+                grown |= needed[index] <= tolerance
+            needed[needed <= tolerance] = np.inf
             # Beyond modelling precision, what an exact group suggests is a candidate by itself.
             exact = self._group.name != "C1" and self._group.rms <= settings.file_precision
-            if any(grown) or not exact or precision <= settings.modelling_precision:
+            if grown or not exact or precision <= settings.modelling_precision:
                 self._extend(tolerance)
-            done = tolerance
             self._note()
         if self._group.name in ("C1", "Ci"):
             self._lines = distinct_lines(np.concatenate([self._lines, self._context.threefold_lines()]))
-        for index in order[(rms[order] > done) & (rms[order] <= limit)]:
-            needed = max(float(rms[index]), self._group.rms, settings.feature_precision / settings.growth)
-            tolerance = min(settings.growth * needed, limit)
-            if self._group.name == "C1" and self._grows(needed):
+        for index in np.argsort(needed, kind="stable")[: int((needed <= limit).sum())].tolist():
+            least = max(float(needed[index]), self._group.rms, settings.feature_precision / settings.growth)
+            tolerance = min(settings.growth * least, limit)
+            if self._group.name == "C1" and self._grows(least):
                 self._note()  # an axis that fits better than any plane or half turn comes before them
-            if self._add(candidates[[int(index)]], tolerance):
+            if self._add(candidates[[index]], tolerance) <= tolerance:
                 self._extend(tolerance)
                 self._note()
 
@@ -103,33 +104,35 @@ class Ladder:
         if self._group.name != "C1" and (not self.rungs or self.rungs[-1] is not self._group):
             self.rungs.append(self._group)
 
-    def _add(self, operation: Operations, tolerance: float) -> bool:
-        """Let the group grow by one operation, if what they generate together holds; True if it has grown."""
+    def _add(self, operation: Operations, tolerance: float) -> float:
+        """Let the group grow by one operation, if what they generate together holds within a tolerance.
+
+        Returns:
+            the tolerance it needs: at most ``tolerance`` if the group has grown, infinite if it never will by this.
+        """
         group, settings = self._group, self._context.settings
         precise = tolerance <= settings.modelling_precision
         angle = _EXACT_ANGLE if precise else _ROUGH_ANGLE
         if group.contains(operation, angle, settings.same_distance)[0] or group.group.size > _LARGEST_CLOSED:
-            return False
+            return np.inf
         matrices = np.concatenate([group.generators.matrices, operation.matrices])
         grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle, snap=not precise)
         identified = None if grown is None else identify(grown, angle)
-        if identified is None:
-            return False
-        name, frame = identified
         members = Operations.joined([group.generators, operation])
         centre = common_point(members, group.centre)
-        if distances_from(members, centre).max() > settings.same_distance:
-            return False
+        if identified is None or distances_from(members, centre).max() > settings.same_distance:
+            return settings.growth * tolerance
+        name, frame = identified
         return self._try(Hypothesis(point_group(name), frame, centre), tolerance)
 
-    def _try(self, hypothesis: Hypothesis, tolerance: float, key: tuple[object, ...] | None = None) -> bool:
-        """Fit a hypothesis and take it if it holds; True if it does. What it needs is remembered by its ``key``."""
+    def _try(self, hypothesis: Hypothesis, tolerance: float, key: tuple[object, ...] | None = None) -> float:
+        """Fit a hypothesis and take it if it holds; the tolerance it needs, which is remembered by its ``key``."""
         fitted, needed = self._fitted(hypothesis, tolerance)
         if needed <= tolerance:
             self._group = fitted
         elif key is not None:
             self._needs(key, needed, tolerance)
-        return needed <= tolerance
+        return needed
 
     def _fitted(self, hypothesis: Hypothesis, tolerance: float) -> tuple[Hypothesis, float]:
         """A hypothesis where it fits best, and the tolerance it needs to be taken: infinite if it is not believed."""
@@ -184,7 +187,7 @@ class Ladder:
     def _grows(self, tolerance: float) -> bool:
         """Try what the group suggests; True if something held."""
         return self._raise_order(tolerance) or any(
-            self._try(hypothesis, tolerance, key) for hypothesis, key in self._suggested(tolerance)
+            self._try(hypothesis, tolerance, key) <= tolerance for hypothesis, key in self._suggested(tolerance)
         )
 
     def _raise_order(self, tolerance: float, *, nearly_round: bool = False) -> bool:
@@ -262,9 +265,10 @@ class Ladder:
             tried.add(found.order)
             angle = 2.0 * np.pi / found.order
             suggestion = self._with_axis(direction, point, found.order)
-            if suggestion is not None and self._try(suggestion, tolerance):
+            if suggestion is not None and self._try(suggestion, tolerance) <= tolerance:
                 return True
-            if suggestion is None and self._add(Operations.rotations(direction, point, angle), tolerance):
+            rotation = Operations.rotations(direction, point, angle)
+            if suggestion is None and self._add(rotation, tolerance) <= tolerance:
                 return True
             axis = refine(
                 context.surface, context.points(3), Operations.rotations(direction, point, angle), 8, scale=0.02
