@@ -149,6 +149,7 @@ class Detector:
     ) -> Symmetries:
         context, proposals, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
         mark = time.perf_counter()
+        cut_short = context.is_spent
         result = answer(
             context,
             found,
@@ -157,6 +158,7 @@ class Detector:
             choice,
             proposals,
         )
+        result.cut_short = cut_short
         timings["validate"] = _since(mark)
         return result
 
