@@ -17,10 +17,12 @@ ROOT = DATA.parents[1]
 # Runs in a process of its own, because kernels stay loaded. Prints the kernels that had not been warmed up.
 LATE_KERNELS = """
 import importlib, pkgutil, sys
+import numpy as np
 import model
 from app.detection import MeshLimits, Options, parse_and_detect
 from app.workers.warmup import warm_up
-from model import Detector
+from model import Detector, read_mesh
+from model.completion.mirroring import complete, halve
 
 def kernels():
     names = [module.name for module in pkgutil.walk_packages(model.__path__, "model.")]
@@ -40,6 +42,12 @@ for path in sys.argv[1:]:
     for mode in ("full", "paper"):
         options = Options(mode, include=("rejected", "bop"))
         parse_and_detect(detector, open(path, "rb").read(), path, options, MeshLimits())
+    if path.endswith((".obj", ".stl", ".glb")):
+        mesh = read_mesh(open(path, "rb").read(), path)
+        plane = np.append([0.6, 0.0, 0.8], -np.mean(mesh.bounds, axis=0) @ [0.6, 0.0, 0.8])
+        for symmetrize in (False, True):
+            complete(mesh, plane, symmetrize=symmetrize)
+        halve(mesh, plane)
 print(sorted(set(sys.modules) - modules), end=" ")
 print([name for name, signatures in kernels().items() if signatures != before[name]])
 """
