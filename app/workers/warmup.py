@@ -50,7 +50,7 @@ def warm_up(detector: SymmetryDetector) -> None:
 
 
 def sample_jobs() -> list[tuple[Job, bytes]]:
-    """Jobs that take every way a job can take, on small meshes: some whole, one that lacks what its mirror image has."""
+    """Jobs that take every way a job can take, on small meshes: some whole, one lacking what its mirror image has."""
     include = list(get_args(Include))
     name, whole = sample_files()[0]
     half = f"OFF\n8 {len(_MIXED) - 2} 0\n{_lines(_CORNERS)}\n{_lines((len(f), *f) for f in _MIXED[:-2])}\n".encode()
