@@ -14,6 +14,7 @@ from typing import Any
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
+from torch._C._distributed_c10d import PrefixStore, TCPStore
 from torch.nn.parallel import DistributedDataParallel
 
 
@@ -128,14 +129,14 @@ def join(device: str | None) -> World:
     return World(torch.device(name), dist.get_rank(), dist.get_world_size())
 
 
-def _meeting_place(size: int) -> dist.Store:
+def _meeting_place(size: int) -> PrefixStore:
     """Where the processes of one attempt leave their addresses for each other.
 
     The store that `torchrun` keeps outlives an attempt (torch 2.13): after a restart processes would find there, and
     call, those that were killed.
     """
-    store = dist.TCPStore(os.environ["MASTER_ADDR"], int(os.environ["MASTER_PORT"]), is_master=False)
-    return dist.PrefixStore(f"prsnet/{os.environ.get('TORCHELASTIC_RESTART_COUNT', '0')}/{size}", store)
+    store = TCPStore(os.environ["MASTER_ADDR"], int(os.environ["MASTER_PORT"]), is_master=False)
+    return PrefixStore(f"prsnet/{os.environ.get('TORCHELASTIC_RESTART_COUNT', '0')}/{size}", store)
 
 
 def share_statistics(network: nn.Module) -> None:
