@@ -40,8 +40,8 @@ soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, ove
 	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
 	@for part in hostile load health attacks chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
 
-cluster: $(VENV)/.dev ## the tests of bulk detection that start Ray on several nodes (minutes, on an idle machine)
-	@PRSNET_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs -n 0 --timeout 900
+cluster: $(VENV)/.dev ## the tests that start Ray on several nodes, and kill nodes and processes (minutes, on an idle machine)
+	@PRSNET_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs tests/training/trainer/test_distributed.py -n 0 --timeout 900
 
 audit: $(VENV)/.dev ## known vulnerabilities of the pinned dependencies
 	@$(BIN)/python .ci/audit.py

@@ -102,9 +102,9 @@ build() {
   step "built, $(podman images --format '{{.Size}}' "$image"), of which base $(podman images --format '{{.Size}}' "$base")"
 }
 
-run_image() { # PORT
+run_image() { # PORT [OPTION...]
   podman run -d --network slirp4netns -p "127.0.0.1:$1:8000" --read-only --tmpfs /tmp:rw,size=128m \
-    --cap-drop ALL --security-opt no-new-privileges --memory 1g --pids-limit 256 "$image"
+    --cap-drop ALL --security-opt no-new-privileges --memory 1g --pids-limit 256 "${@:2}" "$image"
 }
 
 await_healthy() { # PORT CONTAINER
@@ -174,7 +174,8 @@ PYTHON
 # deploy/nginx.conf as it is, but for the addresses of the two instances and its own port.
 behind_proxy() {
   local i public=$((port + 10)) run=()
-  for i in 1 2; do twins+=("$(run_image "$((port + i))")"); done
+  # no answer is kept: each request has a worker busy when an instance is killed
+  for i in 1 2; do twins+=("$(run_image "$((port + i))" -e PRSNET_CACHE_BYTES=0)"); done
   for i in 1 2; do await_healthy "$((port + i))" "${twins[$((i - 1))]}"; done
   sed -e "s/prsnet-1:8000/127.0.0.1:$((port + 1))/; s/prsnet-2:8000/127.0.0.1:$((port + 2))/" \
     -e "s/listen 8080/listen 127.0.0.1:$public/; s#/tmp/nginx#$state/nginx#" deploy/nginx.conf >"$state/nginx.conf"

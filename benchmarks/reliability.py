@@ -88,26 +88,29 @@ def hostile(options: argparse.Namespace) -> None:
 
 
 def overload(options: argparse.Namespace) -> None:
-    """Open load at multiples of the measured capacity, from a process of its own that costs little."""
+    """Open load at multiples of the measured capacity."""
     body = load.form(*CHAIR)
     request = load.head(len(body)).removesuffix(b"\r\n") + b"Connection: close\r\n\r\n" + body
+    sign = b'"faces":260'
     with serving(options.workers) as server:
-        closed = load.Tally()
-        clients = [load.Background(lambda: load.count(server.port, body, closed, is_chair)) for _ in range(4)]
-        time.sleep(options.seconds)
-        for client in clients:
-            client.stop()
+        load.flood(server.port, request, sign, 1.0, clients=4 * options.workers)
+        closed = load.flood(server.port, request, sign, options.seconds, clients=4 * options.workers)
         capacity = len(closed.seconds) / options.seconds
-        print(f"Capacity, 4 clients in a closed loop, {options.workers} workers: {capacity:.1f} requests/s\n")
-        print("| offered | sent/s | 200/s | of the capacity | 503 | other | wrong | 200: p50, ms | p99 | slowest |")
-        print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+        print(
+            f"Capacity, {4 * options.workers} clients in a closed loop, {options.workers} workers: {capacity:.1f} "
+            f"requests/s\n\n| offered | sent/s | 200/s | of the capacity | 503 | other | wrong | 200: p50, ms | p99 "
+            "| slowest | server, ms a request | client |\n" + "| --- " * 12 + "|"
+        )
         for times in (1, 2, 10):
-            seen = load.flood(server.port, request, b'"faces":260', times * capacity, options.seconds)
+            spent = load.processor_s(server.process.pid)
+            seen = load.flood(server.port, request, sign, options.seconds, rate=times * capacity)
+            spent = load.processor_s(server.process.pid) - spent
             served, refused = seen.statuses[200], seen.statuses[503]
             print(
                 f"| {times}× | {seen.sent / options.seconds:.0f} | {served / options.seconds:.1f} | "
                 f"{100 * served / options.seconds / capacity:.0f} % | {100 * refused / seen.sent:.0f} % | "
-                f"{seen.sent - served - refused} | {seen.wrong} | {percentiles(seen.seconds)} |",
+                f"{seen.sent - served - refused} | {seen.wrong} | {percentiles(seen.seconds)} | "
+                f"{1e3 * spent / seen.sent:.2f} | {1e3 * seen.client_s / seen.sent:.2f} |",
                 flush=True,
             )
 

@@ -38,6 +38,7 @@ from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
 from model.report import inside_warning, to_input
 from model.search.answer import LevelChoice, answer
+from model.search.confidence import fitted_coefficients
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, resolution_of
@@ -81,6 +82,7 @@ class Detector:
         quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
         faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
         mesh = Mesh.checked(corners, faces)
+        fitted_coefficients()
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
@@ -184,6 +186,7 @@ class Detector:
         """What full mode answers, and for every vertex the first at its place."""
         context, proposals, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
         mark = time.perf_counter()
+        cut_short = context.is_spent
         result = answer(
             context,
             found,
@@ -192,6 +195,7 @@ class Detector:
             choice,
             proposals,
         )
+        result.cut_short = cut_short
         timings["validate"] = _since(mark)
         return result, context.meter.facets.first
 

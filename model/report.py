@@ -106,6 +106,11 @@ def _warnings(found: Symmetries, max_error: float) -> list[str]:
     """What a reader should know about how the answer came about."""
     warnings: list[str] = []
     chosen = None if found.chosen is None else found.levels[found.chosen]
+    if found.cut_short:
+        warnings.append(
+            "The search was cut short, because it would have taken too long: there may be more symmetries, or a larger "
+            "group. A smaller max_error makes it shorter."
+        )
     if chosen is not None and chosen.missing >= _MUCH_MISSING:
         warnings.append(
             f"The surface is open. For {100 * chosen.missing:.0f} % of it the counterpart was not seen; that counts as "

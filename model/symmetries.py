@@ -98,7 +98,8 @@ class Level:
 class Symmetries:
     """All planes and axes of one group and its name, the ``levels`` it was ``chosen`` from, and the other candidates.
 
-    ``similar`` hold within the threshold but belong to no group; ``rejected`` do not hold.
+    ``similar`` hold within the threshold but belong to no group; ``rejected`` do not hold. ``cut_short``: not all that
+    could be tried was.
     """
 
     planes: list[FoundPlane] = field(default_factory=list[FoundPlane])
@@ -108,3 +109,4 @@ class Symmetries:
     chosen: int | None = None
     similar: list[Candidate] = field(default_factory=list[Candidate])
     rejected: list[Candidate] = field(default_factory=list[Candidate])
+    cut_short: bool = False

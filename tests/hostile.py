@@ -238,6 +238,24 @@ def crossing(scale: float) -> Files:
     yield "pencil.stl", stl(spokes[:: max(1, int(5 * scale))])
 
 
+def many(scale: float) -> Files:
+    """Much of the same: sheets on each other, loose triangles everywhere, and on a circle."""
+    chance = np.random.default_rng(2)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])[[0, 1, 2, 0, 2, 3]]
+    lifted = np.tile(square, (int(5000 * scale), 1, 1))
+    lifted[:, :, 2] += 1e-5 * chance.normal(size=(len(lifted), 4))[:, [0, 1, 2, 0, 2, 3]]
+    yield "sheets.stl", stl(lifted)
+    count = int(100_000 * scale)
+    loose = chance.uniform(-1, 1, (count, 1, 3)) + 1e-3 * chance.normal(size=(count, 3, 3))
+    yield "pieces.stl", stl(loose)
+    angles = 2 * np.pi * np.arange(count) / count
+    turns = np.zeros((count, 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0], turns[:, 2, 2] = np.sin(angles), 1.0
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    yield "orbit.stl", stl(([1.0, 0, 0] + 1e-5 * chance.normal(size=(3, 3))) @ turns.transpose(0, 2, 1))
+
+
 def coincident(scale: float) -> Files:
     yield "same.stl", stl(np.tile([0.0, 0, 0, 1, 0, 0, 0, 1, 0], (int(400_000 * scale), 1)))
     yield "point.stl", stl(np.ones((int(100_000 * scale), 9)))
@@ -304,7 +322,7 @@ def names(scale: float) -> Files:
 _GENERATORS = (truncations, bit_flips, not_finite, huge_counts, bad_indices, zip_bombs, scenes, quadratic, xml, outside)
 CLASSES: dict[str, Callable[[float], Files]] = {
     function.__name__.replace("_", " "): function
-    for function in (*_GENERATORS, slivers, crossing, coincident, degenerate, polyglots, tiny, names)
+    for function in (*_GENERATORS, slivers, crossing, many, coincident, degenerate, polyglots, tiny, names)
 }
 
 

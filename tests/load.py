@@ -1,10 +1,10 @@
 """Clients that load, probe and disturb a running server, and count what came of it."""
 
-import asyncio
 import http.client
 import json
 import os
 import random
+import select
 import signal
 import socket
 import threading
@@ -172,58 +172,96 @@ def resident_kb(server: int) -> int:
 
 @dataclass
 class Flood:
-    """What an open load saw: requests sent at a rate whether or not answers come, each over its own connection."""
+    """What a load of requests saw, each over its own connection."""
 
     sent: int = 0
     statuses: Counter[int] = field(default_factory=Counter[int])
+    """0 is a connection that ended without an answer."""
+
     seconds: list[float] = field(default_factory=list[float])
     """Of the answers with 200."""
 
     wrong: int = 0
+    client_s: float = 0.0
+    """Processor time of the client: what it takes, the server has not."""
 
 
-class _Sender(asyncio.Protocol):
-    """Sends one request and reads its answer; as little work as can be, for many of them."""
+class _Flooder:
+    """A client that does as little as can be, so that it is not the bottleneck: bare sockets and one epoll."""
 
-    def __init__(self, request: bytes, sign: bytes, flood: Flood) -> None:
-        self._request, self._sign, self._flood = request, sign, flood
-        self._began = time.perf_counter()
-        self._answer = b""
+    def __init__(self, port: int, request: bytes, sign: bytes) -> None:
+        self.result = Flood()
+        self._port, self._request, self._sign = port, request, sign
+        self._epoll = select.epoll()
+        self._open: dict[int, tuple[socket.socket, float, list[bytes]]] = {}
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        transport.write(self._request)  # type: ignore[attr-defined]
+    def __len__(self) -> int:
+        return len(self._open)
 
-    def data_received(self, data: bytes) -> None:
-        self._answer += data
+    def start(self) -> None:
+        self.result.sent += 1
+        connection = socket.socket()
+        connection.setblocking(False)
+        connection.connect_ex(("127.0.0.1", self._port))
+        self._open[connection.fileno()] = (connection, time.perf_counter(), [])
+        self._epoll.register(connection, select.EPOLLOUT)
 
-    def connection_lost(self, error: Exception | None) -> None:
-        status = int(self._answer[9:12]) if self._answer else 0
-        self._flood.statuses[status] += 1
+    def poll(self, seconds: float) -> None:
+        for descriptor, events in self._epoll.poll(seconds):
+            connection, began, pieces = self._open[descriptor]
+            try:
+                if events == select.EPOLLOUT:
+                    connection.send(self._request)  # it fits into the socket's buffer
+                    self._epoll.modify(descriptor, select.EPOLLIN)
+                    continue
+                piece = connection.recv(1 << 20)
+            except OSError:
+                piece = b""
+            if piece:
+                pieces.append(piece)
+                continue
+            del self._open[descriptor]
+            connection.close()
+            self._finish(began, b"".join(pieces))
+
+    def _finish(self, began: float, answer: bytes) -> None:
+        status = int(answer[9:12]) if answer else 0
+        self.result.statuses[status] += 1
         if status == 200:
-            self._flood.seconds.append(time.perf_counter() - self._began)
-            self._flood.wrong += self._sign not in self._answer
+            self.result.seconds.append(time.perf_counter() - began)
+            self.result.wrong += self._sign not in answer
+
+    def end(self, patience: float) -> None:
+        end = time.monotonic() + patience
+        while self._open and time.monotonic() < end:
+            self.poll(0.1)
+        for connection, _, _ in self._open.values():
+            connection.close()
+        self._epoll.close()
 
 
-def flood(port: int, request: bytes, sign: bytes, rate: float, seconds: float) -> Flood:
-    """Offer a request, whose header says ``Connection: close``, at a rate; answers of 200 hold ``sign``."""
-    result = Flood()
+def flood(
+    port: int, request: bytes, sign: bytes, seconds: float, *, rate: float | None = None, clients: int = 0
+) -> Flood:
+    """Offer a request, whose header says ``Connection: close``; answers of 200 hold ``sign``.
 
-    async def run() -> None:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        tasks: set[asyncio.Task[Any]] = set()
-        while (now := loop.time()) < began + seconds:
-            while result.sent < (now - began) * rate:
-                result.sent += 1
-                task = loop.create_task(
-                    loop.create_connection(lambda: _Sender(request, sign, result), "127.0.0.1", port)
-                )
-                tasks.add(task)
-                task.add_done_callback(tasks.discard)
-            await asyncio.sleep(0.002)
-        end = loop.time() + 60
-        while sum(result.statuses.values()) < result.sent and loop.time() < end:
-            await asyncio.sleep(0.05)
+    Either at a ``rate``, whether or not answers come, or from so many ``clients`` that each wait for their answer.
+    """
+    flooder, began, spent = _Flooder(port, request, sign), time.monotonic(), time.process_time()
+    while (now := time.monotonic()) < began + seconds:
+        if rate is None:
+            while len(flooder) < clients:
+                flooder.start()
+        else:
+            while flooder.result.sent < (now - began) * rate:
+                flooder.start()
+        flooder.poll(0.002)
+    flooder.result.client_s = time.process_time() - spent
+    flooder.end(60.0)
+    return flooder.result
 
-    asyncio.run(run())
-    return result
+
+def processor_s(pid: int) -> float:
+    """Processor time that a process has used, without its children."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -132,6 +132,9 @@ def fit(
     amp: Annotated[
         str | None, typer.Option(help="bf16: convolutions in bfloat16, for GPUs; the loss stays in float32.")
     ] = None,
+    validate_every: Annotated[
+        int, typer.Option(min=1, help="Steps between validations, and between checkpoints to go on from.")
+    ] = 1000,
     max_minutes: Annotated[float | None, typer.Option(help="Stop after this long, to be resumed.")] = None,
     tensorboard: Annotated[bool, typer.Option(help="Write TensorBoard curves beside the CSV.")] = True,
     progress: Verbose = True,
@@ -181,6 +184,7 @@ def fit(
             start=begin,
             device=device,
             precision="float32" if amp is None else "bf16",
+            validate_every=validate_every,
             max_seconds=None if max_minutes is None else 60.0 * max_minutes,
             on_progress=on_progress,
             on_derive=on_derive,

@@ -106,16 +106,21 @@ class SamplingRecipe:
 
     ``balance`` over ``source`` or ``category`` gives a group of n shapes a share that grows with n to the power of
     1 - ``power``: 1 makes all groups equal, 0 leaves them as they are. ``per_category`` above zero makes an epoch of so
-    many draws of every group, each with its own augmentation (paper, section 6.1: 4,000), all equal.
+    many draws of every group, each with its own augmentation (paper, section 6.1: 4,000), all equal. ``shards`` above
+    zero goes through an epoch so many shards of the prepared set at a time, in random order, so that no more of it need
+    be at hand; 0 draws from all of them all the time.
     """
 
     balance: Literal["none", "source", "category"] = "none"
     power: float = 1.0
     per_category: int = 0
+    shards: int = 0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.power <= 1.0 or self.per_category < 0:
             raise ValueError("sampling.power lies between 0 and 1, and sampling.per_category is not negative")
+        if self.shards < 0:
+            raise ValueError("sampling.shards is not negative")
         if self.per_category and self.balance == "none":
             raise ValueError("sampling.per_category needs sampling.balance to say what a category is")
 

@@ -6,7 +6,19 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _ROUTES = frozenset(
-    {"/", "/detect", "/complete", "/health", "/health/live", "/model", "/metrics", "/docs", "/openapi.json"}
+    {
+        "/",
+        "/detect",
+        "/complete",
+        "/halve",
+        "/align",
+        "/health",
+        "/health/live",
+        "/model",
+        "/metrics",
+        "/docs",
+        "/openapi.json",
+    }
 )
 _METHODS = frozenset({"GET", "HEAD", "POST", "OPTIONS"})
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)

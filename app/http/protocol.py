@@ -73,6 +73,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
         _header_bytes = 0
         _tail = b""  # of a header whose end has not come
         _held = b""  # what came after the request that is being answered
+        _is_held_due = False  # it is about to be read
         _in_request = False  # from the end of its header to the end of its body
         _is_answering = False  # until its answer is complete
         _is_refused = False
@@ -135,7 +136,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
         def data_received(self, data: bytes) -> None:
             if self.parser is None or (self._is_ending and not self._in_request):
                 return
-            if self._is_answering and not self._in_request:
+            if self._is_held_due or (self._is_answering and not self._in_request):
                 self._hold(data)
                 return
             if self._timer is None and not self._in_request:
@@ -268,10 +269,20 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
                 self.timeout_keep_alive_task = self.loop.call_later(
                     self.timeout_keep_alive, self.timeout_keep_alive_handler
                 )
+            if self._held:  # later, lest requests sent ahead be answered within each other
+                self._is_held_due = True
+                self.loop.call_soon(self._read_held)
+            else:
+                self.flow.resume_reading()
+
+        def _read_held(self) -> None:
+            """What was sent ahead comes before what has arrived in the meantime: the loop may have read on."""
+            self._is_held_due = False
+            held, self._held = self._held, b""
+            if self.transport.is_closing():
+                return
             self.flow.resume_reading()
-            if self._held:
-                held, self._held = self._held, b""
-                self.loop.call_soon(self.data_received, held)
+            self.data_received(held)
 
         def send_400_response(self, msg: str) -> None:
             request_id = uuid4().hex

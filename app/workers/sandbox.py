@@ -17,7 +17,7 @@ _MODE_FILTER = 2
 _ALLOW, _KILL, _EPERM = 0x7FFF0000, 0x80000000, 0x00050001
 _LOAD, _IF_EQUAL, _IF_ANY_BIT, _RETURN = 0x20, 0x15, 0x45, 0x06
 # Where struct seccomp_data has the call's number, the architecture, and the lower halves of its arguments.
-_NUMBER, _ARCHITECTURE, _FIRST, _SECOND, _THIRD = 0, 4, 16, 24, 32
+_NUMBER, _ARCHITECTURE, _FIRST, _SECOND, _THIRD, _UPPER = 0, 4, 16, 24, 32, 4
 _MORE_FILES = 2
 
 # Calls that are always allowed, with their numbers on x86-64 and ARM64 (-: not there); then those on the worker itself.
@@ -37,13 +37,15 @@ futex 202 98, set_tid_address 218 96, set_robust_list 273 99, rseq 334 293,
 exit 60 93, exit_group 231 94
 """
 _ON_ITSELF = """
-tgkill 234 131, prlimit64 302 261, sched_getaffinity 204 123, sched_getparam 143 121, sched_getscheduler 145 120
+tgkill 234 131, sched_getaffinity 204 123, sched_getparam 143 121, sched_getscheduler 145 120
 """
 # Commands of fcntl: duplicate, read and set flags. None that names a process to be sent signals, or locks, or leases;
 # and no flag that has signals sent (O_ASYNC).
 _FCNTL = "fcntl 72 25"
 _FCNTL_COMMANDS = (0, 1, 2, 3, 1030)
 _F_SETFL, _O_ASYNC = 4, 0x2000
+# Its own limit on processor time may be set, before each job; others only read: who may do more could take them off.
+_LIMITS = "prlimit64 302 261"
 # Place in the tables, and name for the kernel's audit interface.
 _ARCHITECTURES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 
@@ -113,6 +115,15 @@ def _program(pid: int) -> bytes:
         # Another call: go on behind this block. This one: its first argument must be 0 or the worker's own id.
         steps += [(_IF_EQUAL, 0, 5, number), (_LOAD, 0, 0, _FIRST)]
         steps += [(_IF_EQUAL, 1, 0, 0), (_IF_EQUAL, 0, 1, pid), (_RETURN, 0, 0, _ALLOW), (_RETURN, 0, 0, _EPERM)]
+    (number,) = _numbers(_LIMITS, column)
+    limits = [
+        *[(_LOAD, 0, 0, _FIRST), (_IF_EQUAL, 2, 0, 0), (_IF_EQUAL, 1, 0, pid), (_RETURN, 0, 0, _EPERM)],
+        *[(_LOAD, 0, 0, _SECOND), (_IF_EQUAL, 0, 1, resource.RLIMIT_CPU), (_RETURN, 0, 0, _ALLOW)],
+        # a pointer to new limits, in two halves
+        *[(_LOAD, 0, 0, _THIRD), (_IF_EQUAL, 0, 3, 0), (_LOAD, 0, 0, _THIRD + _UPPER), (_IF_EQUAL, 0, 1, 0)],
+        *[(_RETURN, 0, 0, _ALLOW), (_RETURN, 0, 0, _EPERM)],
+    ]
+    steps += [(_IF_EQUAL, 0, len(limits), number), *limits]
     (number,) = _numbers(_FCNTL, column)
     commands = [step for command in _FCNTL_COMMANDS for step in ((_IF_EQUAL, 0, 1, command), (_RETURN, 0, 0, _ALLOW))]
     flags = [(_IF_EQUAL, 0, 3, _F_SETFL), (_LOAD, 0, 0, _THIRD), (_IF_ANY_BIT, 1, 0, _O_ASYNC), (_RETURN, 0, 0, _ALLOW)]

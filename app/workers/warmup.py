@@ -50,7 +50,7 @@ def warm_up(detector: SymmetryDetector) -> None:
 
 
 def sample_jobs() -> list[tuple[Job, bytes]]:
-    """Jobs that take every way a job can take, on small meshes: some whole, one of which a half is missing."""
+    """Jobs that take every way a job can take, on small meshes: some whole, one lacking what its mirror image has."""
     include = list(get_args(Include))
     name, whole = sample_files()[0]
     half = f"OFF\n8 {len(_MIXED) - 2} 0\n{_lines(_CORNERS)}\n{_lines((len(f), *f) for f in _MIXED[:-2])}\n".encode()
@@ -65,7 +65,7 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     ]
     for geometry, symmetrize in itertools.product(MESH_WRITERS, (False, True)):
         ways: dict[str, Any] = {"task": "complete", "geometry": geometry, "symmetrize": symmetrize}
-        jobs.append((Job("half.off", "full", size=len(half), plane=[1.0, 0.0, 0.0, -0.5], **ways, **common), half))
+        jobs.append((Job("half.off", "full", size=len(half), plane=[0.0, 0.0, 1.0, -1.5], **ways, **common), half))
     header = _PLY_HEADER.replace(
         "float z\n", "float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
     )

@@ -25,7 +25,7 @@ _HARMLESS = re.compile(
     r"|VIRTUAL_ENV|SYSTEMROOT"
 )
 _LARGEST_CARD = 16 << 20
-_WORKER_START_S = 60.0
+_FORK_S, _WORKER_START_S = 5.0, 30.0
 
 
 class StartError(Exception):
@@ -176,7 +176,7 @@ class ZygoteClient:
         with theirs:
             socket.send_fds(self._control, [wire.frame(wire.FORK)], [theirs.fileno()])
         try:
-            async with asyncio.timeout(_WORKER_START_S):
+            async with asyncio.timeout(_FORK_S):
                 worker = await future
         except TimeoutError:  # it hangs: nobody need ask it again
             await self.close()

@@ -79,7 +79,7 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
     samples = reflect(sample_surface(vertices, faces, _SAMPLES, seed=0)[0], plane)
     error = surface.mean_squared_distance(samples)
     tolerance = estimate_tolerance(surface, samples)
-    part = find_missing(surface, reflect(vertices, plane), np.ascontiguousarray(faces[:, ::-1]), tolerance)
+    part = find_missing(surface, vertices, reflect(vertices, plane), np.ascontiguousarray(faces[:, ::-1]), tolerance)
     joined = join(surface, vertices, faces, part, tolerance)
     area = triangle_areas(vertices[faces]).sum()
     added = triangle_areas(joined.vertices[joined.faces[joined.kept :]]).sum()
@@ -125,7 +125,7 @@ def halve(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[Floa
 
 def _work(faces: IntArray) -> float:
     """What may be done to measure distances to so many faces."""
-    return 2.0 * WORK + _WORK_A_FACE * len(faces)
+    return WORK + _WORK_A_FACE * len(faces)
 
 
 def merged(mesh: Mesh) -> tuple[FloatArray, IntArray]:

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model._jit import kernel_array
 from model.errors import TooComplexError
 from model.geometry.frames import triangle_areas
 from model.geometry.surface import SurfaceIndex
+from model.geometry.topology import connected_parts, distinct_faces, duplicate_vertex_map
 from model.meshes.clipping import clip, remove_unreferenced_vertices
 from model.meshes.subdivision import edge_lengths, halve_edges
 from model.types import BoolArray, FloatArray, IntArray
@@ -27,6 +29,9 @@ SIGNIFICANT = 0.005
 
 FINEST_EDGE = 0.015
 """Unit frame. Triangles on the border of a missing part are not cut smaller than this."""
+
+_SAME_PLACE, _SHIFT = 1e-7, 0.3819660112501051
+"""Corners in one cell of a grid of this width are the same. Its origin is shifted: round coordinates lie within."""
 
 _SPACING = 0.02
 _THIN = 0.9
@@ -61,13 +66,16 @@ def estimate_tolerance(surface: SurfaceIndex, mirrored_samples: FloatArray) -> f
     return float(np.clip(_NOISE_FACTOR * np.median(near), SMALLEST_TOLERANCE, LARGEST_TOLERANCE))
 
 
-def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> MissingRegion:
+def find_missing(
+    surface: SurfaceIndex, own: FloatArray, vertices: FloatArray, faces: IntArray, tolerance: float
+) -> MissingRegion:
     """The part of a mirrored surface that the original one lacks, all in the unit frame.
 
     Args:
         surface: the original.
+        own: ``(v, 3)`` its vertices.
         vertices: ``(v, 3)`` of the mirrored one.
-        faces: ``(f, 3)``.
+        faces: ``(f, 3)`` of both, whichever way round.
         tolerance: what is nearer to the original is there.
 
     Raises:
@@ -75,10 +83,9 @@ def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, t
     """
     spacing = max(_SPACING, float(np.sqrt(triangle_areas(vertices[faces]).sum() / _MOST_POINTS)))
     significant = max(SIGNIFICANT, 2.0 * tolerance)
-    missing = np.empty(0, dtype=np.bool_)
-    partly = np.empty(0, dtype=np.bool_)
-    deep = np.empty(0, dtype=np.bool_)
-    new = np.arange(len(faces))
+    faces, known = _known_first(own, vertices, faces)
+    missing, partly, deep = (np.zeros(known, dtype=np.bool_) for _ in range(3))
+    new = np.arange(known, len(faces))
     most = _MOST_FACES + _FACES_A_FACE * len(faces)
     while True:
         if len(faces) > most:
@@ -101,6 +108,18 @@ def find_missing(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, t
     touched[faces[chosen]] = True
     part, part_faces, _ = remove_unreferenced_vertices(vertices, faces[touched[faces].any(axis=1)])
     return _cut(surface, part, part_faces, tolerance)
+
+
+def _known_first(own: FloatArray, vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
+    """The faces, first those whose mirror image is a face itself, and how many these are: nothing need be measured.
+
+    ``own`` and ``vertices`` ``(v, 3)``: of the original and the mirrored surface, of which all have the same ``faces``.
+    """
+    cells = np.floor(np.concatenate([own, vertices]) / _SAME_PLACE + _SHIFT)
+    places = duplicate_vertex_map(cells)
+    once = distinct_faces(places[len(own) :], faces)
+    known = once & ~distinct_faces(places, np.concatenate([faces, faces + np.int32(len(own))]))[len(faces) :]
+    return np.concatenate([faces[known], faces[~known]]), int(known.sum())
 
 
 def _cut(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, tolerance: float) -> MissingRegion:
@@ -204,15 +223,8 @@ def _significant(faces: IntArray, chosen: BoolArray, deep: BoolArray) -> BoolArr
     part = faces[chosen]
     if not len(part):
         return chosen
-    labels = np.arange(int(part.max()) + 1)
-    while True:
-        lowest = labels[part].min(axis=1)
-        joined = labels.copy()
-        np.minimum.at(joined, part, lowest[:, None])
-        joined = joined[joined]
-        if (joined == labels).all():
-            break
-        labels = joined
+    labels = np.empty(int(part.max()) + 1, dtype=np.int32)
+    connected_parts(kernel_array(part, np.int32), labels)
     owners = labels[part[:, 0]]
     reaches = np.zeros(len(labels), dtype=np.bool_)
     reaches[owners[deep[chosen]]] = True

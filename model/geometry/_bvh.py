@@ -5,9 +5,9 @@ become vector instructions):
 
     boxes     (nodes * 6 * FANOUT,) float64    lower x, y, z, upper x, y, z of every child; inverted infinities if empty
     children  (nodes * FANOUT,) int32          a node, or ~leaf when negative
-    frames    (leaves * ROWS * LANES + 2,) float64 one orthonormal frame a triangle, see ``_frame``; the last two are
-                                               the distance that is rounding, and the work that queries may still do,
-                                               see ``_bvh_query.nearest``
+    frames    (leaves * ROWS * LANES + 3,) float64 one orthonormal frame a triangle, see ``_frame``; the last three
+                                               are the work that so many queries may still do, the distance that is
+                                               rounding, and the work that all may, see ``_bvh_query.charge``
     owners    (leaves * LANES,) int32          the triangles; short leaves repeat their last one
 
 The root is node 0.

@@ -16,18 +16,25 @@ _ROUNDING = 1e-15
 """Part of the largest coordinate: what is nearer by less is not looked for. Overlapping triangles of one plane are all
 equally far from a point, and each would be looked into for the sake of the last digit."""
 
+_WORK_A_QUERY = 200.0
+"""Nodes and leaves that a query may look into on average, beyond `_WORK_AT_FIRST`: on surfaces where boxes can be told
+apart it is some ten, and below 200 for a million faces."""
+
+_WORK_AT_FIRST = 0.2
+"""Part of all work that queries may do whatever their number."""
+
 
 @jit_allocating
 def pack(
     vertices: FloatArray, faces: IntArray, sources: IntArray, leaves: IntArray, work: float
 ) -> tuple[FloatArray, IntArray]:
     """Frames and owners of all leaves, see ``_bvh``; `sources` are the faces of the sorted references."""
-    frames = np.empty(leaves.shape[0] * ROWS * LANES + 2)
+    frames = np.empty(leaves.shape[0] * ROWS * LANES + 3)
     largest = 0.0
     for face in range(faces.shape[0]):
         for axis in range(3):
             largest = max(largest, abs(vertices[faces[face, 0], axis]))
-    frames[-2], frames[-1] = _ROUNDING * largest, work
+    frames[-3], frames[-2], frames[-1] = _WORK_AT_FIRST * work, _ROUNDING * largest, work
     owners = np.empty(leaves.shape[0] * LANES, dtype=np.int32)
     for leaf in range(leaves.shape[0]):
         for lane in range(LANES):
@@ -112,9 +119,9 @@ def nearest(
     The search begins in the leaf `seed`: if it is near, it prunes the tree at once. The last four arrays are scratch
     of length `STACK`, `STACK`, `FANOUT` and `LANES`.
 
-    Every node and leaf that is looked into counts as one unit of the work that the tree may do, the last number in
-    `frames`. Once that is used up, only the leaf `seed` is looked into: the caller must ask `SurfaceIndex.require_work`
-    before it believes what a kernel found. (Threads that share a tree may lose some of each other's counts.)
+    Every node and leaf that is looked into counts as one unit of the work that the tree may do, see `charge`. Once that
+    is used up, only the leaf `seed` is looked into: the caller must ask `SurfaceIndex.require_work` before it believes
+    what a kernel found. (Threads that share a tree may lose some of each other's counts.)
     """
     last = frames.shape[0] - 1
     rounding = float(frames[last - 1])
@@ -158,8 +165,18 @@ def nearest(
                 place -= 1
             waiting_squared[place], waiting[place] = value, children[node * FANOUT + child]
             top += 1
-    frames[last] -= visits
+    charge(frames, visits)
     return best, found
+
+
+@jit
+def charge(frames: FloatArray, visits: int) -> None:
+    """Count what a query has cost: of all the work that queries may do, and of what so many of them may."""
+    last = frames.shape[0] - 1
+    frames[last] -= visits
+    frames[last - 2] += _WORK_A_QUERY - visits
+    if frames[last - 2] < 0.0:  # a search asks for so much that it would not end
+        frames[last] = min(frames[last], 0.0)
 
 
 @jit_allocating

@@ -5,6 +5,7 @@ import numpy as np
 from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES, ROWS, STACK
 from model.geometry._bvh_lanes import lowest, near_boxes, near_triangles
+from model.geometry._bvh_query import charge
 from model.types import BoolArray, FloatArray, IntArray
 
 
@@ -83,5 +84,5 @@ def leaf_within(
             top += 1
         if top > place + 1:  # the most promising one on top
             waiting[place], waiting[top - 1] = waiting[top - 1], waiting[place]
-    frames[last] -= visits
+    charge(frames, visits)
     return found

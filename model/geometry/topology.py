@@ -18,6 +18,30 @@ def duplicate_vertex_map(vertices: FloatArray) -> IntArray:
     return _first_equal_rows(positions.view(np.int64))
 
 
+@jit
+def connected_parts(faces: IntArray, parts: IntArray) -> None:
+    """Fill ``parts`` ``(v,)``: vertices that faces ``(f, 3)`` connect get the same number, the index of one of them."""
+    for vertex in range(parts.shape[0]):
+        parts[vertex] = vertex
+    for face in range(faces.shape[0]):
+        first = _root(faces[face, 0], parts)
+        for corner in range(1, 3):
+            other = _root(faces[face, corner], parts)
+            first, last = min(first, other), max(first, other)
+            parts[last] = first
+    for vertex in range(parts.shape[0]):
+        parts[vertex] = _root(vertex, parts)
+
+
+@jit
+def _root(vertex: int, parts: IntArray) -> int:
+    """Where the way from a vertex ends, which gets shorter by being gone."""
+    while parts[vertex] != vertex:
+        parts[vertex] = parts[parts[vertex]]
+        vertex = parts[vertex]
+    return vertex
+
+
 def distinct_faces(merged: IntArray, faces: IntArray) -> BoolArray:
     """Which faces ``(f,)`` are the first with their three corners, in any order.
 

@@ -35,10 +35,10 @@ class Evidence:
     ``missing``: share of the surface whose counterpart was not seen, the mean over the operations; ``unsupported``:
     that no operation found. ``uncovered``: share whose counterpart is not there within the distance that fits;
     ``contradicting``: share that is taken off a surface that is there. ``sharpness``: logarithm of how many times
-    worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen then,
-    which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number of members.
-    ``network``: largest angle between an element measured and the nearest proposal of the network, as a part of 45
-    degrees. ``one_sided``: length of the mean normal of an open surface.
+    worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen
+    then, which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number
+    of members. ``network``: largest angle between an element measured and the nearest proposal of the network, as a
+    part of 45 degrees. ``one_sided``: length of the mean normal of an open surface.
     """
 
     deviation: float
@@ -104,7 +104,7 @@ def confidence(context: SearchContext, level: Hypothesis, proposals: Proposals |
     """
     if level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING:
         return 1.0  # what `predict` says, without looking for evidence
-    return float(predict(_coefficients(), np.array([astuple(evidence(context, level, proposals))]))[0])
+    return float(predict(fitted_coefficients(), np.array([astuple(evidence(context, level, proposals))]))[0])
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
@@ -124,7 +124,8 @@ def terms(rows: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=1)
-def _coefficients() -> FloatArray:
+def fitted_coefficients() -> FloatArray:
+    """What `python -m training calibrate` found for `terms`, read once."""
     record: dict[str, Any] = json.loads(files("model.search").joinpath("confidence.json").read_text(encoding="utf-8"))
     if record["evidence"] != list(NAMES):
         raise ValueError("confidence.json was made for other evidence: run `python -m training calibrate`")

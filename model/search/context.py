@@ -6,11 +6,13 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.geometry.scan import DistanceGrid, directions, minima
-from model.geometry.surface import SurfaceIndex
+from model.geometry.surface import WORK, SurfaceIndex
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray
 
+_LEFT_TO_JUDGE = 0.4 * WORK
+"""What is left for judging what was found when a search is cut short."""
 
 _THREEFOLD_LINES = 3
 
@@ -44,6 +46,11 @@ class SearchContext:
     def limit(self) -> float:
         """The largest RMS deviation of a symmetry: the root of ``max_error``."""
         return float(np.sqrt(self.max_error))
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the search has to end, so that what it has found can still be judged."""
+        return self.surface.work_left < _LEFT_TO_JUDGE
 
     @property
     def centre(self) -> FloatArray:

@@ -77,6 +77,8 @@ class Ladder:
         if self._group.name in ("C1", "Ci"):
             self._lines = distinct_lines(np.concatenate([self._lines, self._context.threefold_lines()]))
         for index in np.argsort(needed, kind="stable")[: int((needed <= limit).sum())].tolist():
+            if self._context.is_spent:
+                break
             least = max(float(needed[index]), self._group.rms, settings.feature_precision / settings.growth)
             tolerance = min(settings.growth * least, limit)
             if self._group.name == "C1" and self._grows(least):
@@ -185,7 +187,9 @@ class Ladder:
             pass
 
     def _grows(self, tolerance: float) -> bool:
-        """Try what the group suggests; True if something held."""
+        """Try what the group suggests; True if something held. What is already found has to be judged as well."""
+        if self._context.is_spent:
+            return False
         return self._raise_order(tolerance) or any(
             self._try(hypothesis, tolerance, key) <= tolerance for hypothesis, key in self._suggested(tolerance)
         )

@@ -64,6 +64,17 @@ def test_pipelined_requests_are_answered_one_after_the_other(small: Server) -> N
         assert [status for status, _ in answers(connection, 3)] == [200] * 3
 
 
+def test_requests_cut_anywhere_keep_their_order(small: Server) -> None:
+    """Bytes that arrive while those before them wait for their turn come after them."""
+    whole = GET * 6
+    for _ in range(60):
+        with connect(small) as connection:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for at in range(len(whole)):
+                connection.sendall(whole[at : at + 1])
+            assert [status for status, _ in answers(connection, 6)] == [200] * 6
+
+
 def test_what_follows_an_upload_waits_for_its_answer(small: Server, chair: bytes) -> None:
     with connect(small) as connection:
         connection.sendall(request(chair) + GET + request(chair) + GET)

@@ -37,6 +37,7 @@ def check_answer(mesh: trimesh.Trimesh, answer: dict[str, Any], max_error: float
     assert np.allclose(center, weights @ mesh.triangles_center, atol=1e-6 * extent)
     farthest = np.linalg.norm(mesh.vertices[np.unique(mesh.faces)] - center, axis=1).max()
     assert scale == pytest.approx(2 * farthest)
+
     # Planes: exact ones first, then the surest, then by error. Axes: continuous ones and higher orders before that.
     def place(item: dict[str, Any]) -> tuple[bool, float, float]:
         return not item["exact"], -(item["confidence"] or 0.0), item["symmetry_error"]

@@ -1,16 +1,20 @@
 """The server as a process: start-up, health under load, shutdown; and the command line beside it."""
 
 import json
+import os
 import re
 import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import httpx
 import pytest
 import trimesh
+
+from tests import load
 
 from .geometry import as_file
 from .server import ROOT, Server, launched, running
@@ -55,6 +59,32 @@ def test_sigterm_finishes_what_runs_and_turns_traffic_away(tmp_path: Path, big_m
         assert answers[0].status_code == 200
         assert answers[0].json()["mesh"]["faces"] == 81_920
         assert server.process.wait(60) == 0, server.log.read_text()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_worker_has_nothing_open_but_the_way_to_the_server(server: Server) -> None:
+    workers = load.workers_of(server.process.pid)
+    assert workers
+    for worker in workers:
+        folder = Path(f"/proc/{worker}/fd")
+        opened = sorted(str((folder / name).readlink()).split(":")[0] for name in os.listdir(folder))
+        assert opened == ["/dev/null"] * 3 + ["socket"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="stops a process by signal")
+def test_a_process_that_forks_and_hangs_is_replaced_when_a_worker_is_needed(tmp_path: Path) -> None:
+    with running(tmp_path / "log", WORKERS="1") as server:
+        hanging = load.zygote_of(server.process.pid)
+        workers = load.workers_of(server.process.pid)
+        os.kill(hanging, signal.SIGSTOP)
+        for worker in workers:
+            os.kill(worker, signal.SIGKILL)
+        end = time.monotonic() + 60
+        while server.health() != 200 or load.zygote_of(server.process.pid) == hanging:
+            assert time.monotonic() < end, server.log.read_text()
+            time.sleep(0.2)
+        assert server.detect("chair.obj", (ROOT / "tests/data/chair.obj").read_bytes()).status_code == 200
+        assert server.process.poll() is None
 
 
 def test_starting_server_is_alive_but_not_ready(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from benchmarks.meshes import SHAPES
 from model import Detector, Mesh, read_mesh
 from model import detector as module
 from model.geometry.surface import WORK, SurfaceIndex
+from model.search import context
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -44,6 +45,16 @@ def mesh_of(name: str) -> Mesh:
     if name in SHAPES:
         return Mesh.checked(*SHAPES[name](4_500))
     return read_mesh((DATA / name).read_bytes(), name)
+
+
+def test_a_search_that_is_cut_short_is_judged_and_says_so(detector: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
+    chair = mesh_of("chair.obj")
+    assert not any("cut short" in warning for warning in detector.detect(chair).warnings)
+    monkeypatch.setattr(context, "_LEFT_TO_JUDGE", WORK + 1.0)
+    answer = detector.detect(chair)
+    assert any("cut short" in warning for warning in answer.warnings)
+    assert answer.planes[0].exact
+    assert abs(answer.planes[0].normal[0]) > 0.999
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,8 @@ class Sampler:
     """Draws the shapes of each step.
 
     An epoch holds a quota of every group. Within a group all shapes are gone through in random order before one comes
-    again, across epochs too. The epoch is shuffled and cut into batches; the last, short one is left out.
+    again, across epochs too. The epoch is shuffled and cut into batches; the last, short one is left out. With
+    ``recipe.sampling.shards`` the shards themselves are shuffled, and the shapes of so many at a time.
     """
 
     def __init__(self, prepared: PreparedSet, pool: NDArray[np.int64], recipe: Recipe) -> None:
@@ -40,6 +41,8 @@ class Sampler:
         """
         self.groups = _groups(prepared, pool, recipe)
         self._seed = recipe.seed
+        self._shards_at_a_time = recipe.sampling.shards
+        self._shard_of = prepared.locations()[0]
         self._size = sum(group.draws for group in self.groups)
         self.batch = min(recipe.optimizer.batch, self._size)
         self._epoch = -1
@@ -50,9 +53,17 @@ class Sampler:
         epoch, within = divmod(step, self._size // self.batch)
         if epoch != self._epoch:
             picked = np.concatenate([self._picked(number, epoch) for number in range(len(self.groups))])
-            self._order = picked[np.random.default_rng([self._seed, epoch]).permutation(self._size)]
+            self._order = self._shuffled(picked, np.random.default_rng([self._seed, epoch]))
             self._epoch = epoch
         return torch.from_numpy(self._order[within * self.batch : (within + 1) * self.batch])
+
+    def _shuffled(self, picked: NDArray[np.int64], chance: np.random.Generator) -> NDArray[np.int64]:
+        """The shapes of an epoch in the order they are drawn in."""
+        picked = picked[chance.permutation(self._size)]
+        if not self._shards_at_a_time:
+            return picked
+        place = chance.permutation(int(self._shard_of.max()) + 1)
+        return picked[np.argsort(place[self._shard_of[picked]] // self._shards_at_a_time, kind="stable")]
 
     def _picked(self, number: int, epoch: int) -> NDArray[np.int64]:
         """What a group gives to an epoch, sorted: a piece of its endless row of shuffled passes."""

@@ -5,6 +5,7 @@ whole batch and goes on with its own part of it, gradients are averaged by Distr
 normalisation takes its statistics over the whole batch.
 """
 
+import io
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from typing import Any
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
+from torch._C._distributed_c10d import PrefixStore, TCPStore
 from torch.nn.parallel import DistributedDataParallel
 
 
@@ -64,6 +66,21 @@ class World:
         dist.broadcast(agreed, 0)
         return bool(agreed.item())
 
+    def shared(self, value: Any) -> Any:
+        """What the main process has, as every process's own copy; tensors on the CPU."""
+        if self.size == 1:
+            return value
+        packed = io.BytesIO()
+        torch.save(value if self.main else None, packed)
+        size = torch.tensor([packed.tell()], device=self.device)
+        dist.broadcast(size, 0)
+        content = torch.frombuffer(bytearray(packed.getvalue()), dtype=torch.uint8)
+        content = (
+            content.to(self.device) if self.main else torch.empty(int(size), dtype=torch.uint8, device=self.device)
+        )
+        dist.broadcast(content, 0)
+        return torch.load(io.BytesIO(content.cpu().numpy().tobytes()), map_location="cpu", weights_only=True)
+
     def in_turn(self, work: Callable[[], Any]) -> Any:
         """``work()`` in the main process first, then in all others, which find what it left."""
         if self.main:
@@ -79,7 +96,7 @@ class World:
             return network
         share_statistics(network)
         # Statistics are the same everywhere: nothing to broadcast.
-        return DistributedDataParallel(network, broadcast_buffers=False)
+        return DistributedDataParallel(network, forward_sync_buffers=False)
 
     def close(self) -> None:
         """Leave the group of processes."""
@@ -104,8 +121,22 @@ def join(device: str | None) -> World:
     if name == "cuda":
         name = f"cuda:{os.environ.get('LOCAL_RANK', '0')}"
         torch.cuda.set_device(name)
-    dist.init_process_group("nccl" if name.startswith("cuda") else "gloo")
+    rank, backend = int(os.environ["RANK"]), "nccl" if name.startswith("cuda") else "gloo"
+    if os.environ.get("TORCHELASTIC_USE_AGENT_STORE") == "True":
+        dist.init_process_group(backend, store=_meeting_place(size), rank=rank, world_size=size)
+    else:
+        dist.init_process_group(backend)
     return World(torch.device(name), dist.get_rank(), dist.get_world_size())
+
+
+def _meeting_place(size: int) -> PrefixStore:
+    """Where the processes of one attempt leave their addresses for each other.
+
+    The store that `torchrun` keeps outlives an attempt (torch 2.13): after a restart processes would find there, and
+    call, those that were killed.
+    """
+    store = TCPStore(os.environ["MASTER_ADDR"], int(os.environ["MASTER_PORT"]), is_master=False)
+    return PrefixStore(f"prsnet/{os.environ.get('TORCHELASTIC_RESTART_COUNT', '0')}/{size}", store)
 
 
 def share_statistics(network: nn.Module) -> None:

@@ -157,8 +157,8 @@ class _Trainer:
         self.network.to(memory_format=torch.channels_last_3d)  # pyright: ignore[reportCallIssue] - not in the stubs
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=recipe.optimizer.learning_rate)
         self.step, self.best = 0, math.inf
-        if (run / "last.pt").is_file():
-            state = torch.load(run / "last.pt", map_location=world.device, weights_only=True)
+        state = world.shared(_last(run) if world.main else None)  # the folder is the main process's alone
+        if state is not None:
             self.network.load_state_dict(state["network"])
             self.optimizer.load_state_dict(state["optimizer"])
             self.step, self.best = int(state["step"]), float(state["best"])
@@ -288,3 +288,9 @@ def _too_few(count: int, share: float) -> str:
         f"{shapes} to validate with are too few to tell which checkpoint is the best. Take more shapes, or a larger "
         "--set validation_share=..."
     )
+
+
+def _last(run: Path) -> dict[str, Any] | None:
+    """The checkpoint to go on from, on the CPU; None where there is none."""
+    path = run / "last.pt"
+    return torch.load(path, map_location="cpu", weights_only=True) if path.is_file() else None

@@ -142,3 +142,16 @@ async def test_refused_uploads_give_their_place_back(serving: Serving, detector:
             assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 413
             assert (await client.post("/detect", content=b"x")).status_code == 400
         assert runtime.pool.admitted == 0
+
+
+async def test_every_route_that_makes_work_is_refused_before_a_request_is_made_of_it(
+    serving: Serving, detector: FakeDetector
+) -> None:
+    async with serving(detector) as (client, runtime):
+        schema = (await client.get("/openapi.json")).json()
+        work = [path for path, methods in schema["paths"].items() if "post" in methods]
+        assert {"/detect", "/complete"} < set(work)
+        for path in work:
+            assert runtime.gate.guards(b"POST", path.encode()), path
+            await client.post(path)
+            assert f'route="{path}"' in (await client.get("/metrics")).text

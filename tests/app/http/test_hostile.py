@@ -139,6 +139,21 @@ def limit_the_server() -> None:
     raise RuntimeError("leaked")
 
 
+def raise_its_memory() -> None:
+    memory = resource.getrlimit(resource.RLIMIT_AS)  # this is allowed
+    with contextlib.suppress(ValueError):  # Python's word for EPERM
+        resource.setrlimit(resource.RLIMIT_AS, (memory[0] + 1, memory[1] + 1))
+        raise RuntimeError("leaked")
+    raise PermissionError
+
+
+def write_files_again() -> None:
+    with contextlib.suppress(ValueError):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1, 1))
+        raise RuntimeError("leaked")
+    raise PermissionError
+
+
 def _socket() -> int:
     """What the worker has open beside the standard streams: its end of the socket to the server is among it."""
     for descriptor in range(3, 4096):
@@ -151,7 +166,7 @@ def _socket() -> int:
 ESCAPES = [
     read_a_secret, connect, run_a_program, fork, write_a_file, signal_the_server, have_the_server_sent_signals,
     choose_the_signal, own_with_a_struct, ask_for_signals, ask_for_signals_by_ioctl, read_the_servers_memory,
-    see_what_cores_the_server_has, limit_the_server,
+    see_what_cores_the_server_has, limit_the_server, raise_its_memory, write_files_again,
 ]  # fmt: skip
 
 

@@ -65,7 +65,7 @@ async def test_a_stopped_idle_worker_is_replaced(serving: Serving, detector: Fak
 
 
 async def test_a_fork_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch, detector: FakeDetector) -> None:
-    monkeypatch.setattr(zygote_client, "_WORKER_START_S", 0.3)
+    monkeypatch.setattr(zygote_client, "_FORK_S", 0.3)
     pids = list[int]()
     launch = forked(detector)
 

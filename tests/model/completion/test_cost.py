@@ -7,7 +7,9 @@ from model.completion import mirroring, missing
 from model.completion.mirroring import complete
 from model.completion.missing import find_missing
 from model.errors import TooComplexError
+from model.geometry.frames import triangle_areas
 from model.geometry.surface import SurfaceIndex
+from model.geometry.topology import connected_parts
 from model.meshes.mesh import Mesh
 
 
@@ -49,6 +51,33 @@ def test_work_grows_with_the_faces_of_fans(spent, normal, symmetrize):
     assert done.area_added < 1e-9
 
 
+def test_where_the_mesh_is_its_own_mirror_image_nothing_is_measured(spent):
+    """Nothing but the samples that tell the error and the tolerance."""
+    few, many = prism(600), prism(6000)
+    complete(few, np.array([0.0, 0.0, 1.0, 0.0]))
+    first = spent()
+    assert complete(many, np.array([0.0, 0.0, 1.0, 0.0])).faces_kept == len(many.faces)
+    assert spent() - first < 6 * first
+
+
+def test_a_face_that_lacks_its_mirror_image_is_found_among_thousands_that_have_it():
+    mesh = prism(3000)
+    cap = np.flatnonzero((mesh.vertices[mesh.faces][:, :, 2] > 0.0).all(1))
+    done = complete(Mesh.checked(mesh.vertices, np.delete(mesh.faces, cap, axis=0)), np.array([0.0, 0.0, 1.0, 0.0]))
+    assert np.isclose(triangle_areas(done.vertices[done.faces]).sum(), mesh.area, rtol=1e-3)
+
+
+def test_parts_are_told_apart_however_long_the_way_through_one_is():
+    count = 200_000
+    corner = np.random.default_rng(0).permutation(2 * count).astype(np.int32)
+    strip = np.stack([np.arange(count - 2), np.arange(1, count - 1), np.arange(2, count)], axis=1)
+    faces = np.concatenate([corner[strip], corner[strip + count]])
+    parts = np.empty(2 * count, dtype=np.int32)
+    connected_parts(np.ascontiguousarray(faces.astype(np.int32)), parts)
+    assert len(set(parts[corner[:count]].tolist())) == len(set(parts[corner[count:]].tolist())) == 1
+    assert parts[corner[0]] != parts[corner[count]]
+
+
 def test_slivers_are_not_cut_without_end(monkeypatch):
     monkeypatch.setattr(missing, "_MOST_FACES", 100)
     monkeypatch.setattr(missing, "_FACES_A_FACE", 1)
@@ -57,7 +86,7 @@ def test_slivers_are_not_cut_without_end(monkeypatch):
     normal = np.array([0.02, 0.0, 1.0]) / np.linalg.norm([0.02, 0.0, 1.0])
     mirrored = mesh.vertices - 2.0 * np.outer(mesh.vertices @ normal, normal)
     with pytest.raises(TooComplexError, match="triangles"):
-        find_missing(surface, mirrored, mesh.faces[:, ::-1], 1e-4)
+        find_missing(surface, mesh.vertices, mirrored, mesh.faces[:, ::-1], 1e-4)
 
 
 def test_one_far_vertex_makes_a_large_share_of_area_and_no_failure():

@@ -76,15 +76,19 @@ def test_boxes_cover_every_part_of_their_triangles():
     assert inside.all()
 
 
-def test_ordinary_meshes_are_not_cut():
+def waves():
+    """An ordinary surface."""
     grid = np.linspace(-0.5, 0.5, 60)
     x, y = np.meshgrid(grid, grid, indexing="ij")
     vertices = np.stack([x, y, 0.2 * np.sin(4 * x) * np.cos(3 * y)], axis=2).reshape(-1, 3)
     corner = (np.arange(59)[:, None] * 60 + np.arange(59)).ravel()
-    faces = np.concatenate(
-        [np.stack([corner, corner + 60, corner + 61], 1), np.stack([corner, corner + 61, corner + 1], 1)]
-    )
-    assert len(references(vertices, faces.astype(np.int32))[0]) == len(faces)
+    faces = [np.stack([corner, corner + 60, corner + 61], 1), np.stack([corner, corner + 61, corner + 1], 1)]
+    return vertices, np.concatenate(faces).astype(np.int32)
+
+
+def test_ordinary_meshes_are_not_cut():
+    vertices, faces = waves()
+    assert len(references(vertices, faces)[0]) == len(faces)
 
 
 def test_identical_faces_count_once():
@@ -127,6 +131,39 @@ def test_whatever_measures_stops_when_the_work_is_used_up(measure):
     with pytest.raises(TooComplexError):
         measure(index, samples)
     assert index.work_left > -5000  # it stopped, rather than finding out in the end
+
+
+def asked_until_refused(index, samples):
+    """How many points could be measured, a few at a time, before the index would not go on."""
+    measured = 0
+    for start in range(0, 1_000_000, 50):
+        at = start % len(samples)
+        try:
+            index.squared_distances(samples[at : at + 50])
+        except TooComplexError:
+            break
+        measured += 50
+    return measured
+
+
+@pytest.mark.parametrize(("vertices", "faces"), [crossing(10_000), slivers(20_000), fan(60_000)])
+def test_where_every_query_costs_much_few_are_answered(vertices, faces):
+    """A search that would not end is refused long before it has used up all work."""
+    samples = sample_surface(vertices, faces, 4000, seed=0)[0] * [-1.0, 1.0, 1.0] + [0.01, 0.02, -0.01]
+    measured = asked_until_refused(SurfaceIndex(vertices, faces), samples)
+    one = work_per_query(SurfaceIndex(vertices, faces, work=1e15), samples[:300])
+    assert 0.1 * WORK < one * measured < 0.4 * WORK
+    unlimited = SurfaceIndex(vertices, faces, work=np.inf)
+    for _ in range(3):
+        unlimited.squared_distances(samples)
+
+
+def test_many_cheap_queries_may_use_all_work():
+    vertices, faces = waves()
+    samples, _ = sample_surface(vertices, faces, 2000, seed=0)
+    index = SurfaceIndex(vertices, faces, work=100_000)
+    assert asked_until_refused(index, samples) > 1000
+    assert -10_000 < index.work_left <= 0.0
 
 
 def test_the_same_queries_cost_the_same():

@@ -57,6 +57,31 @@ def categories(prepared: PreparedSet, shapes: list[int]) -> Counter[str]:
     return Counter(prepared.shapes[shape].category for shape in shapes)
 
 
+def test_an_epoch_may_go_through_a_few_shards_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Every shape comes once, in an order that differs from epoch to epoch, and few shards are in use at any time."""
+    for index in range(48):
+        shape = box(1.0, 1.0 + 0.1 * index, 3.0)
+        write_obj(tmp_path / "in" / f"{index:02d}.obj", shape.vertices, shape.faces)
+    monkeypatch.setattr("training.data.prepare.SHARD_SHAPES", 4)
+    prepare([tmp_path / "in"], tmp_path / "out", Options(mesh_only=True), progress=False)
+    many = PreparedSet(tmp_path / "out")
+    shard_of = many.locations()[0]
+    assert len(set(shard_of.tolist())) == 12
+    orders = list[list[int]]()
+    for epoch in range(2):
+        sampler = Sampler(many, np.arange(48), recipe(batch=4, shards=3))
+        order = drawn(sampler, 12, first=12 * epoch)
+        assert sorted(order) == list(range(48))
+        windows = [set(shard_of[order[first : first + 12]].tolist()) for first in range(0, 48, 12)]
+        assert all(len(window) == 3 for window in windows)
+        assert len(set.union(*windows)) == 12
+        assert any(len(set(shard_of[order[first : first + 4]].tolist())) > 1 for first in range(0, 48, 4))
+        orders.append(order)
+    assert orders[0] != orders[1]
+    everywhere = drawn(Sampler(many, np.arange(48), recipe(batch=4)), 3)
+    assert len(set(shard_of[everywhere].tolist())) > 3
+
+
 def test_every_shape_is_seen_once_an_epoch(uneven: PreparedSet):
     pool = np.arange(2, 32)
     sampler = Sampler(uneven, pool, recipe(batch=10))

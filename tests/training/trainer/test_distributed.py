@@ -3,8 +3,10 @@
 import csv
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -42,12 +44,23 @@ clip_norm = 500.0
 """
 
 
-def torchrun(processes: int, *arguments: object) -> subprocess.CompletedProcess[str]:
+def torchrun(processes: int, *arguments: object, restarts: int = 0) -> "subprocess.Popen[str]":
     """`torchrun -m training ...` on this machine alone."""
     start = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", str(processes)]
+    start += ["--max-restarts", str(restarts), "--monitor-interval", "0.1"]
     command = [*start, "-m", "--", "training", *map(str, arguments)]  # without --, torchrun takes --run for its own
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=240)
+    return subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+
+
+def succeeds(process: "subprocess.Popen[str]") -> None:
+    try:
+        _, errors = process.communicate(timeout=240)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
 
 
 def predictions(run: Path, prepared: PreparedSet) -> torch.Tensor:
@@ -68,8 +81,7 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     toml.write_text(RECIPE)
     fit(Recipe.load(toml), prepared, tmp_path / "one", device="cpu", log_every=1)
     options = ("--recipe", toml, "--device", "cpu", "--no-tensorboard")
-    result = torchrun(2, "fit", prepared.root, "--run", tmp_path / "two", *options)
-    assert result.returncode == 0, result.stderr
+    succeeds(torchrun(2, "fit", prepared.root, "--run", tmp_path / "two", *options))
     one, two = (predictions(tmp_path / name, prepared) for name in ("one", "two"))
     torch.testing.assert_close(two, one, rtol=0.0, atol=1e-4)
     # Training has moved them by far more than that.
@@ -83,6 +95,41 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     assert "2 process(es)" in (tmp_path / "two" / "log.txt").read_text()
     # And it is the same run: one process finds nothing left to do in the folder of two.
     fit(Recipe.load(toml), prepared, tmp_path / "two", device="cpu")
+
+
+@pytest.mark.skipif(os.environ.get("PRSNET_CLUSTER") != "1", reason="slow: `make cluster` runs it")
+def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: PreparedSet, tmp_path: Path):
+    """`torchrun` starts all processes again, and they go on from the last checkpoint."""
+    toml, steps = tmp_path / "recipe.toml", 20
+    toml.write_text(RECIPE.replace("steps = 6", f"steps = {steps}").replace("rate = 0.005", "rate = 0.0005"))
+    run = tmp_path / "killed"
+    options = ("--recipe", toml, "--device", "cpu", "--no-tensorboard", "--validate-every", 4)
+    process = torchrun(2, "fit", prepared.root, "--run", run, *options, restarts=2)
+    end = time.monotonic() + 120
+    while not (run / "last.pt").is_file():
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    victim = max(map(int, children))
+    os.kill(victim, signal.SIGKILL)
+    succeeds(process)
+    log = (run / "log.txt").read_text()
+    assert log.count("2 process(es)") == 2
+    resumed = int(log.split("resumed at step ")[1].split(":")[0])
+    assert 4 <= resumed < steps
+    assert [int(row["step"]) for row in rows_of(run)] == list(range(4, steps + 1, 4))
+    fit(Recipe.load(toml), prepared, tmp_path / "one", device="cpu", validate_every=4)
+    one, killed = (predictions(folder, prepared) for folder in (tmp_path / "one", run))
+    # What rounding makes of 20 steps is small beside what training does.
+    assert (killed - one).abs().mean() < 0.01 * (one[:, :3, :3] - torch.eye(3)).abs().mean()
+    for row, other in zip(rows_of(tmp_path / "one"), rows_of(run), strict=True):
+        assert float(other["validation_loss"]) == pytest.approx(float(row["validation_loss"]), rel=2e-3)
+
+
+def rows_of(run: Path) -> list[dict[str, str]]:
+    with (run / "curve.csv").open() as lines:
+        return list(csv.DictReader(lines))
 
 
 def test_a_batch_that_cannot_be_divided_is_refused():
