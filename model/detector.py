@@ -43,6 +43,7 @@ from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, resolution_of
 from model.search.full import Found, Sources, find_symmetries
+from model.search.part import fits_better
 from model.search.settings import DEFAULT
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
@@ -153,6 +154,8 @@ class Detector:
         if not bodies:
             return ()
         outside = np.ascontiguousarray(faces[~hidden])
+        if not fits_better(found, vertices, outside, max_error):
+            return inside_warning(bodies, found, found)
         frame = unit_frame(vertices, outside)
         own = replace(choice, tolerance=None if choice.tolerance is None else choice.tolerance / frame.scale)
         try:
