@@ -61,6 +61,8 @@ def test_evaluate_judges_on_them(labelled: Path, tmp_path: Path):
     told = ["--groundtruth", str(tmp_path / "held" / "truth.json"), "--methods", "raw", "--no-progress"]
     judged = runner.invoke(app, ["evaluate", str(tmp_path / "held"), *told])
     assert judged.exit_code == 0, judged.output
+    assert "raw network: median wall-clock milliseconds" in judged.output
+    judged = runner.invoke(app, ["evaluate", str(tmp_path / "held"), *told, "--markdown"])
     assert "| raw network |" in judged.output
 
 
