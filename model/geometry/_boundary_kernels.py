@@ -12,6 +12,9 @@ from model.geometry._bvh_within import leaf_within
 from model.geometry._operation_kernels import image_of
 from model.types import BoolArray, FloatArray, IntArray
 
+MOST_UNSEEN = 200
+"""So many unseen places that other operations led to are compared with."""
+
 
 @jit_allocating
 def find_missing(
@@ -45,13 +48,14 @@ def find_missing(
     """
     waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
     child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
-    image, turned = np.empty((len(samples), 3)), np.empty(3)
+    images, turned = np.empty((len(squared), len(samples), 3)), np.empty(3)
+    believed = np.zeros(len(squared), dtype=np.bool_)
     lanes = np.empty(len(samples), dtype=np.int64)
     away, outward, place = np.empty(3), np.empty(3), np.empty(3)
     seed = 0
     needed = int(share * (len(samples) - 1)) + 1
     for k in range(squared.shape[0]):
-        fitting = 0
+        fitting, image = 0, images[k]
         for i in range(squared.shape[1]):
             image_of(samples[i], fixed[k], linear[k], image[i])
             squared[k, i], lanes[i] = nearest(
@@ -70,10 +74,10 @@ def find_missing(
             )
             seed = lanes[i] // LANES
             fitting += squared[k, i] <= plausible
-        believable = fitting >= needed
+        believed[k] = fitting >= needed
         for i in range(squared.shape[1]):
             missing[k, i] = False
-            if not believable or squared[k, i] <= near:
+            if not believed[k] or squared[k, i] <= near:
                 continue
             lane = lanes[i]
             owner = owners[lane]
@@ -117,6 +121,67 @@ def find_missing(
                 child_squared,
                 leaf_squared,
             )
+    _spread(images, squared, near, believed, missing)
+
+
+@jit_allocating
+def _spread(images: FloatArray, squared: FloatArray, near: float, believed: BoolArray, missing: BoolArray) -> None:
+    """What lies nearer to a place that nobody saw than to any surface was not seen either.
+
+    From deep within a hole the nearest surface may be another one than its rim. The unseen places are the same for all
+    operations: some that any of those ``believed`` ``(k,)`` led to serve the others as well.
+    """
+    count, samples = 0, squared.shape[1]
+    for k in range(squared.shape[0]):
+        for i in range(samples):
+            count += believed[k] and missing[k, i]
+    stride = max(1, -(-count // MOST_UNSEEN))
+    unseen = np.empty((-(-count // stride), 3))
+    count = 0
+    for k in range(squared.shape[0]):
+        for i in range(samples):
+            if believed[k] and missing[k, i]:
+                if count % stride == 0:
+                    unseen[count // stride] = images[k, i]
+                count += 1
+    reached = np.empty(samples, dtype=np.int32)
+    for k in range(squared.shape[0]):
+        if not believed[k] or count == 0:
+            continue
+        top = 0
+        for i in range(samples):
+            if missing[k, i]:
+                reached[top] = i
+                top += 1
+        for place in range(unseen.shape[0]):
+            top = _reach(unseen[place], images[k], squared[k], near, missing[k], reached, top)
+        while top > 0:
+            place = reached[top - 1]
+            top = _reach(images[k, place], images[k], squared[k], near, missing[k], reached, top - 1)
+
+
+@jit
+def _reach(
+    place: FloatArray,
+    images: FloatArray,
+    squared: FloatArray,
+    near: float,
+    missing: BoolArray,
+    reached: IntArray,
+    top: int,
+) -> int:
+    """Mark images that are nearer to a place than to the surface, and note them: how many are noted then."""
+    for i in range(missing.shape[0]):
+        if missing[i] or squared[i] <= near:
+            continue
+        gap = 0.0
+        for a in range(3):
+            gap += (images[i, a] - place[a]) * (images[i, a] - place[a])
+        if gap < squared[i]:
+            missing[i] = True
+            reached[top] = i
+            top += 1
+    return top
 
 
 @jit

@@ -14,7 +14,7 @@ from model.types import FloatArray
 _LEFT_TO_JUDGE = 0.4 * WORK
 """What is left for judging what was found when a search is cut short."""
 
-_THREEFOLD_LINES = 3
+_ODD_LINES, _ODD_ANGLES = 2, (2.0 * np.pi / 3.0, 4.0 * np.pi / 5.0, 6.0 * np.pi / 7.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,14 +65,17 @@ class SearchContext:
         """The voxel scan's score of arbitrary operations, in squared voxels: ``(k,)``."""
         return self.grid.score(self._in_grid(operations))
 
-    def threefold_lines(self) -> FloatArray:
-        """Directions through the centre that a third of a turn about maps the voxels onto themselves best: ``(k, 3)``.
+    def odd_lines(self) -> FloatArray:
+        """Directions through the centre that turns of odd orders about map the voxels onto themselves best: ``(k, 3)``.
 
-        None of an axis of five or seven: these do it no better than by chance.
+        The angles are those next to half a turn; larger orders than these have one that is nearly the same.
         """
         lines = directions()
-        scores = self.grid.score(Operations.rotations(lines, self.grid.centre, 2.0 * np.pi / 3.0))
-        return minima(scores, _THREEFOLD_LINES, self.settings.promising_axis) @ self.rotation
+        found = [np.zeros((0, 3))]
+        for angle in _ODD_ANGLES:
+            scores = self.grid.score(Operations.rotations(lines, self.grid.centre, angle))
+            found.append(minima(scores, _ODD_LINES, self.settings.promising_axis))
+        return np.concatenate(found) @ self.rotation
 
     def interpolated_errors(self, operations: Operations) -> FloatArray:
         """Finer scores, see `DistanceGrid.interpolated_error`: ``(k,)``."""

@@ -48,8 +48,8 @@ class Ladder:
     def __init__(self, context: SearchContext, lines: FloatArray) -> None:
         """Start with no symmetry; ``lines`` ``(k, 3)`` are directions through the centre that may be axes.
 
-        Where neither planes nor half turns are found, more are looked for: an axis of odd order may be alone, and off
-        the axes of inertia, which a detail tilts.
+        Where neither planes nor half turns are found, or part of the surface is not there, more are looked for: an axis
+        of odd order may be off the axes of inertia, which what is missing tilts, and so does a detail.
         """
         self._context = context
         self._lines = lines
@@ -74,8 +74,10 @@ class Ladder:
             if grown or not exact or precision <= settings.modelling_precision:
                 self._extend(tolerance)
             self._note()
-        if self._group.name in ("C1", "Ci"):
-            self._lines = distinct_lines(np.concatenate([self._lines, self._context.threefold_lines()]))
+        if self._group.name in ("C1", "Ci") or (
+            not self._context.meter.closed and self._group.group.principal_order < 3
+        ):
+            self._lines = distinct_lines(np.concatenate([self._lines, self._context.odd_lines()]))
         for index in np.argsort(needed, kind="stable")[: int((needed <= limit).sum())].tolist():
             if self._context.is_spent:
                 break
@@ -229,8 +231,8 @@ class Ladder:
         scores = context.scores(starts)
         best = int(np.argmin(scores))
         precise = tolerance <= context.settings.modelling_precision
-        whole = precise or context.meter.closed
-        promising = context.settings.promising_exact if whole else context.settings.promising_axis
+        closed = context.meter.closed
+        promising = context.settings.promising_exact if closed else context.settings.promising_axis
         if scores[best] > promising:
             return False
         primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= context.settings.promising_axis]
