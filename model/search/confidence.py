@@ -38,7 +38,8 @@ class Evidence:
     worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen
     then, which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number
     of members. ``network``: largest angle between an element measured and the nearest proposal of the network, as a
-    part of 45 degrees. ``one_sided``: length of the mean normal of an open surface.
+    part of 45 degrees. ``one_sided``: length of the mean normal of an open surface. ``open``: 1 if there are open
+    edges, else 0: with the products of the others it makes two regressions of one.
     """
 
     deviation: float
@@ -52,6 +53,7 @@ class Evidence:
     size: float
     network: float
     one_sided: float
+    open: float
 
 
 NAMES = tuple(field.name for field in fields(Evidence))
@@ -91,6 +93,7 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
         size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
         network=_from_network(level, proposals),
         one_sided=context.meter.one_sidedness,
+        open=float(not context.meter.closed),
     )
 
 

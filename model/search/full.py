@@ -17,8 +17,9 @@ from model.search.axis_order import roundness
 from model.search.candidates import RefinedCandidates, refine_and_deduplicate
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
-from model.search.ladder import Ladder, distinct_lines
+from model.search.ladder import Ladder
 from model.search.levels import continuous_levels, with_round
+from model.search.lines import distinct_lines
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.types import FloatArray
 

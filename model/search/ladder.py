@@ -15,6 +15,7 @@ from model.search import closure
 from model.search.axis_order import PRIMES, prime_rotations, rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
+from model.search.lines import PARALLEL, common_point, distances_from, distinct_lines
 from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
 from model.search.supergroups import supergroups
 from model.search.tilting import tilted
@@ -22,7 +23,6 @@ from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
 _AZIMUTHS, _BEST_AZIMUTHS = 32, 3
-_PARALLEL = float(np.cos(np.deg2rad(4.0)))
 _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
 _EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
 _ROUGH_ORDER = 12
@@ -32,6 +32,9 @@ _GLANCE_STRIDE = 3
 _IMPLAUSIBLE_CLOSED, _IMPLAUSIBLE = 2.0, 4.0
 """Scores of voxels, see `SearchContext.scores`, above which a hypothesis is not measured, of closed and open surfaces:
 those that held in the end had half as much at most where little was missing, and less where a third or more was."""
+
+_AGAIN = 1.2
+"""What failed is tried again when the tolerance is so many times larger."""
 
 _NEARER, _LATER = 0.7, 3.0
 """What needs more tolerance is tried again at this part of it, a better place being found by then, or at so many times
@@ -173,8 +176,8 @@ class Ladder:
         return bool(squared[1:].min() > context.settings.tilt_factor * squared[0])
 
     def _was_tried(self, key: tuple[object, ...], tolerance: float) -> bool:
-        """Whether something was tried at this tolerance or a larger one before; from now on it was."""
-        if self._failed.get(key, -1.0) >= tolerance:
+        """Whether something was tried at about this tolerance or a larger one before; from now on it was."""
+        if _AGAIN * self._failed.get(key, -1.0) >= tolerance:
             return True
         self._failed[key] = tolerance
         return False
@@ -206,7 +209,7 @@ class Ladder:
         for line in distinct_lines(np.concatenate([known, group.group.normals @ group.frame, self._lines])):
             # One of each set of lines that the group maps onto each other is enough.
             images = group.matrices @ line
-            if any(np.abs(images @ other).max() > _PARALLEL for other in tried):
+            if any(np.abs(images @ other).max() > PARALLEL for other in tried):
                 continue
             tried.append(line)
             if nearly_round and not self._is_nearly_round(line):
@@ -221,7 +224,7 @@ class Ladder:
 
     def _raise_order_about(self, line: FloatArray, tolerance: float, *, past_facets: bool = False) -> bool:
         context, group = self._context, self._group
-        parallel = np.abs(group.directions @ line) > _PARALLEL
+        parallel = np.abs(group.directions @ line) > PARALLEL
         order = int(np.array(group.group.orders)[parallel].max()) if parallel.any() else 1
         key = ("order", order, past_facets, *np.round(np.abs(line), 2).tolist())
         if self._was_tried(key, tolerance):
@@ -262,7 +265,7 @@ class Ladder:
                 settings=context.settings,
             )
             if found.arbitrary_rms <= context.limit:
-                self.round_lines.append((direction, point))
+                self._note_round(direction, point)
             needed = min(needed, found.needed)
             if found.order == 1 and attempt:
                 break
@@ -284,14 +287,19 @@ class Ladder:
             self._needs(key, needed, limits[0])
         return False
 
+    def _note_round(self, direction: FloatArray, point: FloatArray) -> None:
+        """Keep a line about which the shape is round at least roughly, once."""
+        if all(abs(float(direction @ other)) < PARALLEL for other, _ in self.round_lines):
+            self.round_lines.append((direction, point))
+
     def _with_axis(self, direction: FloatArray, point: FloatArray, order: int) -> Hypothesis | None:
         """The group grown by an axis that all it holds goes with, as the principal one; None if something does not."""
         group = self._group
         normals, axes = group.group.normals @ group.frame, group.directions
         orders = np.array(group.group.orders, dtype=np.int64)
         to_normals, to_axes = np.abs(normals @ direction), np.abs(axes @ direction)
-        through, across = to_normals < _PERPENDICULAR, to_normals > _PARALLEL
-        half, along = (to_axes < _PERPENDICULAR) & (orders == 2), to_axes > _PARALLEL
+        through, across = to_normals < _PERPENDICULAR, to_normals > PARALLEL
+        half, along = (to_axes < _PERPENDICULAR) & (orders == 2), to_axes > PARALLEL
         if not ((through | across).all() and (half | along).all()):
             return None
         inverted = group.name == "Ci" or bool(
@@ -372,29 +380,3 @@ class Ladder:
                 else:
                     name = f"D{order}d" if group.name[0] == "S" else f"D{order}"
                 yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre), None
-
-
-def distinct_lines(directions: FloatArray) -> FloatArray:
-    """Of directions ``(k, 3)`` those that are not within a few degrees of an earlier one."""
-    kept: list[int] = []
-    for index, direction in enumerate(directions):
-        if not kept or np.abs(directions[kept] @ direction).max() < _PARALLEL:
-            kept.append(index)
-    return directions[kept]
-
-
-def common_point(operations: Operations, near: FloatArray) -> FloatArray:
-    """The point that all operations leave in place, by least squares; where they leave it open, the one ``near``."""
-    if not len(operations):
-        return near
-    fixed = np.eye(3) - operations.matrices
-    shifts = np.einsum("kij,kj->ki", fixed, operations.points - near)
-    rows = fixed.reshape(-1, 3)
-    # The pseudo-inverse without its smallest parts: along an axis, or within a plane, nothing holds the point.
-    return near + np.linalg.pinv(rows, rcond=0.02) @ shifts.ravel()
-
-
-def distances_from(operations: Operations, point: FloatArray) -> FloatArray:
-    """How far each element passes by a point: half the way the operation moves it, ``(k,)``."""
-    moved = operations.apply(point[None])[:, 0] - point
-    return 0.5 * np.sqrt(np.square(moved).sum(1))
