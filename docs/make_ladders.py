@@ -1,4 +1,4 @@
-"""Draws the levels of five shapes for full-mode.md: `python docs/make_ladders.py`, from the root of the repository.
+"""Draws the levels of five shapes for full-mode.md: `python -m docs.make_ladders`, from the root of the repository.
 
 A mug, a gear with a hub, a can as scanned, a plate with a missing screw and half a chair, each as the detector sees it
 and answers, with the levels below: the RMS deviation each needs, and the one that is answered with.
