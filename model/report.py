@@ -19,6 +19,9 @@ from model.types import FloatArray
 _ROUNDING = 1e-9
 """Rounding that all steps of a detection leave, unit frame: nothing smaller is told."""
 
+_NOTHING = 1e-14
+"""Part of the scale that the sum over a surface may be off by: a centroid so near to zero is there."""
+
 _DECIMALS = 12
 _DIGITS = 6
 _PROBABILITY_DECIMALS = 2
@@ -52,7 +55,7 @@ def to_input(
         planes=planes,
         axes=axes,
         point_group=found.point_group,
-        center=frame.center,
+        center=np.where(np.abs(frame.center) > _NOTHING * frame.scale, frame.center, 0.0),
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,

@@ -186,3 +186,10 @@ def test_shipped_metadata_is_a_whole_record(detector: Detector):
     assert record["metrics"]
     assert "dirty" not in record["git_revision"]
     json.dumps(dict(record))
+
+
+def test_a_centroid_at_zero_is_told_as_zero(detector: Detector) -> None:
+    """The sum over the surface leaves 1e-18, which is no place."""
+    center = detector.detect(DATA / "chair.obj").center
+    assert center[0] == 0.0
+    assert abs(center[1]) > 0.01
