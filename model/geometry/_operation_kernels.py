@@ -178,12 +178,8 @@ def refine(
             twist[:] = 0.0
             for j in range(width):
                 _accumulate(samples, image[j], gradients[j], distances[j], linear[j], scale, row, matrix, twist)
-            _regularize(matrix, damping)
-            _solve(matrix, twist)
-            _clip(twist, 0, largest_turn)
-            _clip(twist, 3, largest_shift)
-            for k in range(block, block + 1 if together == 0 else directions.shape[0]):
-                _move(directions, points, k, twist)
+            last = block + 1 if together == 0 else directions.shape[0]
+            advance(directions, points, block, last, matrix, twist, damping, largest_turn, largest_shift)
             moved = 0.0
             for a in range(6):
                 moved = max(moved, abs(twist[a]))
@@ -219,28 +215,28 @@ def _select(values: FloatArray, rank: int) -> float:
 def advance(
     directions: FloatArray,
     points: FloatArray,
-    k: int,
+    first: int,
+    last: int,
     matrix: FloatArray,
     twist: FloatArray,
+    damping: float,
     largest_turn: float,
     largest_shift: float,
 ) -> None:
-    """Move element ``k`` by the solution of the normal equations ``matrix`` ``(6, 6)``, ``twist`` ``(6,)``."""
-    _regularize(matrix, 1e-6)
-    _solve(matrix, twist)
-    _clip(twist, 0, largest_turn)
-    _clip(twist, 3, largest_shift)
-    _move(directions, points, k, twist)
+    """Move elements ``first`` up to ``last`` by the solution of the normal equations, which is left in ``twist``.
 
-
-@jit
-def _regularize(matrix: FloatArray, damping: float) -> None:
-    """Keep motions out that leave the elements as they are (along a plane or an axis): these have no gradient."""
+    Damping keeps motions out that leave the elements as they are (along a plane or an axis): these have no gradient.
+    """
     trace = 0.0
     for a in range(6):
         trace += matrix[a, a]
     for a in range(6):
         matrix[a, a] += damping * trace + 1e-12
+    _solve(matrix, twist)
+    _clip(twist, 0, largest_turn)
+    _clip(twist, 3, largest_shift)
+    for k in range(first, last):
+        _move(directions, points, k, twist)
 
 
 @jit

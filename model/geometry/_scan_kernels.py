@@ -46,19 +46,47 @@ def scan(
 
 
 @jit
+def _image(
+    points: FloatArray, i: int, fixed: FloatArray, linear: FloatArray, k: int, last: float
+) -> tuple[float, float, float]:
+    """The image ``R (p - f) + f`` of a point under operation ``k``; beyond the padding all is as far as on its rim."""
+    fx, fy, fz = fixed[k, 0], fixed[k, 1], fixed[k, 2]
+    px, py, pz = points[i, 0] - fx, points[i, 1] - fy, points[i, 2] - fz
+    x = linear[k, 0, 0] * px + linear[k, 0, 1] * py + linear[k, 0, 2] * pz + fx
+    y = linear[k, 1, 0] * px + linear[k, 1, 1] * py + linear[k, 1, 2] * pz + fy
+    z = linear[k, 2, 0] * px + linear[k, 2, 1] * py + linear[k, 2, 2] * pz + fz
+    return min(max(x, 0.0), last), min(max(y, 0.0), last), min(max(z, 0.0), last)
+
+
+@jit
+def _interpolated(distances: AnyArray, size: int, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """The distance at a place, whole numbers being the middle of cells, and its gradient."""
+    a, b, c = int(x), int(y), int(z)
+    x, y, z = x - a, y - b, z - c
+    cell = (a * size + b) * size + c
+    beyond = cell + size * size
+    z00, z01 = distances[cell + 1] - distances[cell], distances[cell + size + 1] - distances[cell + size]
+    z10, z11 = distances[beyond + 1] - distances[beyond], distances[beyond + size + 1] - distances[beyond + size]
+    d00, d01 = distances[cell] + z * z00, distances[cell + size] + z * z01
+    d10, d11 = distances[beyond] + z * z10, distances[beyond + size] + z * z11
+    d0, d1 = d00 + y * (d01 - d00), d10 + y * (d11 - d10)
+    return (
+        d0 + x * (d1 - d0),
+        d1 - d0,
+        (1.0 - x) * (d01 - d00) + x * (d11 - d10),
+        (1.0 - x) * ((1.0 - y) * z00 + y * z01) + x * ((1.0 - y) * z10 + y * z11),
+    )
+
+
+@jit
 def score(
     points: FloatArray, fixed: FloatArray, linear: FloatArray, squared: IntArray, size: int, result: FloatArray
 ) -> None:
-    """``result`` ``(k,)`` of images ``R (p - f) + f`` in the padded grid of ``size`` cells a side, in cells."""
-    last = size - 1.0
+    """``result`` ``(k,)`` of the images of points in the padded grid of ``size`` cells a side, in cells."""
     for k in range(linear.shape[0]):
-        fx, fy, fz = fixed[k, 0], fixed[k, 1], fixed[k, 2]
         total = 0
         for i in range(points.shape[0]):
-            px, py, pz = points[i, 0] - fx, points[i, 1] - fy, points[i, 2] - fz
-            x = min(max(linear[k, 0, 0] * px + linear[k, 0, 1] * py + linear[k, 0, 2] * pz + fx, 0.0), last)
-            y = min(max(linear[k, 1, 0] * px + linear[k, 1, 1] * py + linear[k, 1, 2] * pz + fy, 0.0), last)
-            z = min(max(linear[k, 2, 0] * px + linear[k, 2, 1] * py + linear[k, 2, 2] * pz + fz, 0.0), last)
+            x, y, z = _image(points, i, fixed, linear, k, size - 1.0)
             total += squared[(int(x) * size + int(y)) * size + int(z)]
         result[k] = total / points.shape[0]
 
@@ -73,29 +101,15 @@ def interpolated_error(
     near: float,
     result: FloatArray,
 ) -> None:
-    """``result`` ``(k,)`` of images ``R (p - f) + f`` in the padded grid, whole numbers being the middle of cells.
+    """``result`` ``(k,)`` of the images of points in the padded grid, whole numbers being the middle of cells.
 
     Distances are cut off at ``near``.
     """
-    across, last = size * size, size - 1.001
     for k in range(linear.shape[0]):
-        fx, fy, fz = fixed[k, 0], fixed[k, 1], fixed[k, 2]
         total = 0.0
         for i in range(points.shape[0]):
-            px, py, pz = points[i, 0] - fx, points[i, 1] - fy, points[i, 2] - fz
-            x = min(max(linear[k, 0, 0] * px + linear[k, 0, 1] * py + linear[k, 0, 2] * pz + fx, 0.0), last)
-            y = min(max(linear[k, 1, 0] * px + linear[k, 1, 1] * py + linear[k, 1, 2] * pz + fy, 0.0), last)
-            z = min(max(linear[k, 2, 0] * px + linear[k, 2, 1] * py + linear[k, 2, 2] * pz + fz, 0.0), last)
-            a, b, c = int(x), int(y), int(z)
-            x, y, z = x - a, y - b, z - c
-            cell = (a * size + b) * size + c
-            beyond = cell + across
-            d00 = distances[cell] + z * (distances[cell + 1] - distances[cell])
-            d01 = distances[cell + size] + z * (distances[cell + size + 1] - distances[cell + size])
-            d10 = distances[beyond] + z * (distances[beyond + 1] - distances[beyond])
-            d11 = distances[beyond + size] + z * (distances[beyond + size + 1] - distances[beyond + size])
-            d0, d1 = d00 + y * (d01 - d00), d10 + y * (d11 - d10)
-            distance = min(d0 + x * (d1 - d0), near)
+            x, y, z = _image(points, i, fixed, linear, k, size - 1.001)
+            distance = min(_interpolated(distances, size, x, y, z)[0], near)
             total += distance * distance
         result[k] = total / points.shape[0]
 
@@ -113,6 +127,7 @@ def settle(
     first_scale: float,
     last_scale: float,
     steps: int,
+    damping: float,
     largest_turn: float,
     largest_shift: float,
 ) -> None:
@@ -121,7 +136,7 @@ def settle(
     ``directions`` and ``places`` ``(k, 3)`` are overwritten. Turns are about the middle of the grid. Images farther
     than ``near`` have no say, others the less the larger their distance is beside a scale that falls step by step.
     """
-    across, last, middle = size * size, size - 1.001, 0.5 * (size - 1.0)
+    last, middle = size - 1.001, 0.5 * (size - 1.0)
     linear, matrix, twist, row = np.empty((1, 3, 3)), np.empty((6, 6)), np.empty(6), np.empty(6)
     for k in range(directions.shape[0]):
         for a in range(3):
@@ -140,24 +155,9 @@ def settle(
                 x = min(max(ix + middle, 0.0), last)
                 y = min(max(iy + middle, 0.0), last)
                 z = min(max(iz + middle, 0.0), last)
-                a, b, c = int(x), int(y), int(z)
-                x, y, z = x - a, y - b, z - c
-                near_cell = (a * size + b) * size + c
-                far_cell = near_cell + across
-                v000, v001 = distances[near_cell], distances[near_cell + 1]
-                v010, v011 = distances[near_cell + size], distances[near_cell + size + 1]
-                v100, v101 = distances[far_cell], distances[far_cell + 1]
-                v110, v111 = distances[far_cell + size], distances[far_cell + size + 1]
-                d00, d01 = v000 + z * (v001 - v000), v010 + z * (v011 - v010)
-                d10, d11 = v100 + z * (v101 - v100), v110 + z * (v111 - v110)
-                d0, d1 = d00 + y * (d01 - d00), d10 + y * (d11 - d10)
-                distance = d0 + x * (d1 - d0)
+                distance, mx, my, mz = _interpolated(distances, size, x, y, z)
                 if distance >= near:
                     continue
-                mx, my = d1 - d0, (1.0 - x) * (d01 - d00) + x * (d11 - d10)
-                mz = (1.0 - x) * ((1.0 - y) * (v001 - v000) + y * (v011 - v010)) + x * (
-                    (1.0 - y) * (v101 - v100) + y * (v111 - v110)
-                )
                 bx = linear[0, 0, 0] * mx + linear[0, 1, 0] * my + linear[0, 2, 0] * mz
                 by = linear[0, 0, 1] * mx + linear[0, 1, 1] * my + linear[0, 2, 1] * mz
                 bz = linear[0, 0, 2] * mx + linear[0, 1, 2] * my + linear[0, 2, 2] * mz
@@ -172,6 +172,6 @@ def settle(
                     twist[a] -= weighted * distance
                     for b in range(a + 1):
                         matrix[a, b] += weighted * row[b]
-            advance(directions, places, k, matrix, twist, largest_turn, largest_shift)
+            advance(directions, places, k, k + 1, matrix, twist, damping, largest_turn, largest_shift)
         for a in range(3):
             places[k, a] += middle

@@ -25,8 +25,8 @@ NEAR = 2.0
 """Cut-off of `DistanceGrid.interpolated_error`, in voxels: beyond it a part is missing, at any distance."""
 
 _SETTLING_STEPS, _SETTLING_SCALES = 6, (2.0, 0.7)
-_LARGEST_TURN, _LARGEST_SHIFT = 0.15, 2.0
-"""Of one step of `DistanceGrid.settle`: radians and voxels."""
+_DAMPING, _LARGEST_TURN, _LARGEST_SHIFT = 1e-6, 0.15, 2.0
+"""Of one step of `DistanceGrid.settle`; turns in radians, shifts in voxels."""
 
 _NEIGHBOURS = 8
 
@@ -94,6 +94,7 @@ class DistanceGrid:
             TRUNCATION_RADIUS - 0.5,
             *_SETTLING_SCALES,
             _SETTLING_STEPS,
+            _DAMPING,
             _LARGEST_TURN,
             _LARGEST_SHIFT,
         )

@@ -40,9 +40,8 @@ class LevelChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
-    """A level with its frame settled: its elements' errors, coverage and largest deviations, and what breaks it."""
+    """A level's elements' errors, coverage and largest deviations, and what breaks it."""
 
-    level: Hypothesis
     errors: FloatArray
     coverage: FloatArray
     largest: FloatArray
@@ -181,7 +180,7 @@ class _JudgedLadder:
         deviations = context.meter.measure(members, samples.every(stride))
         largest = np.sqrt(np.where(deviations.missing, 0.0, deviations.squared).max(1))
         coverage = deviations.coverage(context.settings.fit_distance)
-        return _Judged(level, np.square(deviations.rms), coverage, largest, self._test.exact(level))
+        return _Judged(np.square(deviations.rms), coverage, largest, self._test.exact(level))
 
 
 def _telling_points(context: SearchContext) -> FloatArray:

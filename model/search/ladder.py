@@ -279,9 +279,7 @@ class Ladder:
             rotation = Operations.rotations(direction, point, angle)
             if suggestion is None and self._add(rotation, tolerance) <= tolerance:
                 return True
-            axis = refine(
-                context.surface, context.points(3), Operations.rotations(direction, point, angle), 8, scale=0.02
-            )
+            axis = refine(context.surface, context.points(3), rotation, 8, scale=0.02)
             direction, point = axis.directions[0], axis.points[0]
         if len(tried) == len({order, 1}):
             self._needs(key, needed, limits[0])
