@@ -96,6 +96,11 @@ def jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return _compile(function, _nrt=False)
 
 
+def jit_inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Like ``jit``, for a small helper of the innermost loops: it becomes part of every kernel that calls it."""
+    return _compile(function, _nrt=False, forceinline=True)
+
+
 def jit_allocating(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Like ``jit``, for a kernel that creates arrays."""
     return _compile(function)

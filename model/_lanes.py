@@ -11,6 +11,8 @@ from typing import Any
 from llvmlite import ir  # pyright: ignore[reportMissingTypeStubs]
 from numba.core import cgutils, types  # pyright: ignore[reportUnknownVariableType]
 
+from model._jit import intrinsic
+
 _ir: Any = ir
 _cgutils: Any = cgutils
 _types: Any = types
@@ -109,3 +111,14 @@ def same_in_all(builder: Any, value: Any, count: int) -> Lanes:
 INDEX: Any = _types.int64
 ZERO: Any = _ir.Constant(_INDEX, 0)
 TRUE: Any = _ir.Constant(_ir.IntType(1), 1)
+
+
+@intrinsic
+def before_what_follows(typing: Any) -> Any:
+    """``before_what_follows()``: other threads see what was written before as done before what is written after it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.fence("acq_rel")
+        return context.get_dummy_value()
+
+    return _types.void(), generate

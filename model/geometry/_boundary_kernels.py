@@ -6,8 +6,9 @@ Everything is in the axes of the tree.
 import numpy as np
 
 from model._jit import jit, jit_allocating
-from model.geometry._bvh import FANOUT, LANES, STACK
-from model.geometry._bvh_query import closest_on, nearest
+from model.geometry._bvh import LANES, Scratch, Tree, scratch
+from model.geometry._bvh_frames import closest_on
+from model.geometry._bvh_query import nearest
 from model.geometry._bvh_within import leaf_within
 from model.geometry._operation_kernels import image_of
 from model.types import BoolArray, FloatArray, IntArray
@@ -30,15 +31,10 @@ def find_missing(
     on_edge: float,
     probe: float,
     closed: float,
-    vertices: FloatArray,
-    faces: IntArray,
     normals: FloatArray,
     open_edge: BoolArray,
     open_vertex: BoolArray,
-    owners: IntArray,
-    boxes: FloatArray,
-    children: IntArray,
-    frames: FloatArray,
+    tree: Tree,
     squared: FloatArray,
     missing: BoolArray,
 ) -> None:
@@ -46,8 +42,7 @@ def find_missing(
 
     Lengths come as they are compared: ``near``, ``plausible``, ``on_edge`` and ``closed`` squared.
     """
-    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
-    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    paper = scratch()
     images, turned = np.empty((len(squared), len(samples), 3)), np.empty(3)
     believed = np.zeros(len(squared), dtype=np.bool_)
     lanes = np.empty(len(samples), dtype=np.int64)
@@ -64,13 +59,8 @@ def find_missing(
                 image[i, 2],
                 seed,
                 np.inf,
-                boxes,
-                children,
-                frames,
-                waiting,
-                waiting_squared,
-                child_squared,
-                leaf_squared,
+                tree,
+                paper,
             )
             seed = lanes[i] // LANES
             fitting += squared[k, i] <= plausible
@@ -80,8 +70,8 @@ def find_missing(
             if not believed[k] or squared[k, i] <= near:
                 continue
             lane = lanes[i]
-            owner = owners[lane]
-            x, y, z = closest_on(image[i, 0], image[i, 1], image[i, 2], lane, frames)
+            owner = tree.owners[lane]
+            x, y, z = closest_on(image[i, 0], image[i, 1], image[i, 2], lane, tree)
             place[0], place[1], place[2] = x, y, z
             height, facing = 0.0, 0.0
             for a in range(3):
@@ -102,7 +92,7 @@ def find_missing(
             length = np.sqrt(length)
             if length <= sideways * distance and height >= 0.0:
                 continue
-            if not _on_open_edge(place, vertices, faces[owner], open_edge[owner], open_vertex, on_edge):
+            if not _on_open_edge(place, tree.vertices, tree.faces[owner], open_edge[owner], open_vertex, on_edge):
                 continue
             for a in range(3):
                 outward[a] /= max(length, 1e-300)
@@ -114,12 +104,8 @@ def find_missing(
                 closed,
                 int(lane // LANES),
                 turned,
-                boxes,
-                children,
-                frames,
-                waiting,
-                child_squared,
-                leaf_squared,
+                tree,
+                paper,
             )
     _spread(images, squared, near, believed, missing)
 
@@ -227,12 +213,8 @@ def _goes_on(
     closed: float,
     seed: int,
     across: FloatArray,
-    boxes: FloatArray,
-    children: IntArray,
-    frames: FloatArray,
-    waiting: IntArray,
-    child_squared: FloatArray,
-    leaf_squared: FloatArray,
+    tree: Tree,
+    paper: Scratch,
 ) -> bool:
     """Whether the surface goes on beyond a point of an open edge: straight on, folded, or as a face across.
 
@@ -257,12 +239,8 @@ def _goes_on(
                 place[2] + probe * (ahead * outward[2] + up * normal[2] + beside * across[2]),
                 seed,
                 closed,
-                boxes,
-                children,
-                frames,
-                waiting,
-                child_squared,
-                leaf_squared,
+                tree,
+                paper,
             )
             >= 0
         )

@@ -1,14 +1,15 @@
 """What refinement and judgement spend their time in: images of samples, their distances, Gauss-Newton steps.
 
-Everything is in the axes of the tree. ``tree`` stands for the arrays of ``_bvh``: boxes, children, frames.
+Everything is in the axes of the tree.
 """
 
 import numpy as np
 
 from model._jit import jit, jit_allocating
-from model.geometry._bvh import FANOUT, LANES, STACK
-from model.geometry._bvh_query import closest_on, nearest, normal_of
-from model.types import FloatArray, IntArray
+from model.geometry._bvh import LANES, Tree, scratch
+from model.geometry._bvh_frames import closest_on, normal_of
+from model.geometry._bvh_query import nearest
+from model.types import FloatArray
 
 
 @jit
@@ -53,14 +54,11 @@ def image_distances(
     samples: FloatArray,
     fixed: FloatArray,
     linear: FloatArray,
-    boxes: FloatArray,
-    children: IntArray,
-    frames: FloatArray,
+    tree: Tree,
     squared: FloatArray,
 ) -> None:
     """Fill ``squared`` ``(k, n)`` with the squared distances of the images of all samples from the surface."""
-    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
-    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    paper = scratch()
     seed = 0
     for k in range(squared.shape[0]):
         fx, fy, fz = fixed[k, 0], fixed[k, 1], fixed[k, 2]
@@ -72,13 +70,8 @@ def image_distances(
                 linear[k, 2, 0] * x + linear[k, 2, 1] * y + linear[k, 2, 2] * z + fz,
                 seed,
                 np.inf,
-                boxes,
-                children,
-                frames,
-                waiting,
-                waiting_squared,
-                child_squared,
-                leaf_squared,
+                tree,
+                paper,
             )
             seed = lane // LANES
 
@@ -104,9 +97,7 @@ def refine(
     largest_shift: float,
     step_tolerance: float,
     roughly: float,
-    boxes: FloatArray,
-    children: IntArray,
-    frames: FloatArray,
+    tree: Tree,
 ) -> None:
     """Gauss-Newton until nothing moves; ``directions`` and ``points`` ``(k, 3)`` are overwritten.
 
@@ -115,8 +106,7 @@ def refine(
 
     See `model.geometry.refinement` for the method and what the constants mean.
     """
-    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
-    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    paper = scratch()
     count = samples.shape[0]
     width = max(together, 1)
     blocks = 1 if together > 0 else directions.shape[0]
@@ -145,20 +135,15 @@ def refine(
                         z,
                         seeds[j, i],
                         np.inf,
-                        boxes,
-                        children,
-                        frames,
-                        waiting,
-                        waiting_squared,
-                        child_squared,
-                        leaf_squared,
+                        tree,
+                        paper,
                     )
                     seeds[j, i] = lane // LANES
                     distance = np.sqrt(squared)
                     if distance < contact:
-                        mx, my, mz = normal_of(lane, frames)
+                        mx, my, mz = normal_of(lane, tree)
                     else:
-                        cx, cy, cz = closest_on(x, y, z, lane, frames)
+                        cx, cy, cz = closest_on(x, y, z, lane, tree)
                         mx, my, mz = x - cx, y - cy, z - cz
                         length = np.sqrt(mx * mx + my * my + mz * mz)
                         mx, my, mz = mx / length, my / length, mz / length

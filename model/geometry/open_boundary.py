@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from model._jit import kernel_array
 from model.geometry import _boundary_kernels as _kernels
 from model.geometry.edges import EdgeTable
 from model.geometry.normals import face_normals
@@ -51,8 +50,7 @@ class OpenBoundary:
         if self.is_empty:
             return
         self.one_sidedness = _mean_normal(vertices, faces)
-        self._vertices, self._faces = surface.to_tree(vertices), kernel_array(faces, np.int32)
-        self._normals = face_normals(self._vertices, faces)
+        self._normals = face_normals(surface.tree.vertices, faces)
         self._ends = _open_corners(self._edges, faces, first)
 
     def distances(
@@ -88,13 +86,10 @@ class OpenBoundary:
             _ON_EDGE**2,
             _PROBE,
             (_CLOSED * _PROBE) ** 2,
-            self._vertices,
-            self._faces,
             self._normals,
             self._edges,
             self._ends,
-            surface.owners,
-            *surface.tree,
+            surface.tree,
             squared,
             missing,
         )

@@ -169,7 +169,7 @@ def _refined(
         _LARGEST_SHIFT,
         step_tolerance,
         0.0 if quantile is None else _ROUGHLY,
-        *surface.tree,
+        surface.tree,
     )
     surface.require_work()
     return surface.from_tree(directions), surface.from_tree(points)
@@ -181,6 +181,6 @@ def squared_distances(surface: SurfaceIndex, samples: FloatArray, operations: Op
     points = surface.to_tree(operations.points)
     # In the axes A of the tree the linear part R becomes A R A^T: the same kind of turn about the turned direction.
     linear = linear_parts(surface.to_tree(operations.directions), operations.angles, operations.improper)
-    _kernels.image_distances(surface.to_tree(samples), points, linear, *surface.tree, squared)
+    _kernels.image_distances(surface.to_tree(samples), points, linear, surface.tree, squared)
     surface.require_work()
     return squared

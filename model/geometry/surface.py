@@ -4,10 +4,12 @@ import numpy as np
 
 from model._jit import kernel_array
 from model.errors import TooComplexError
-from model.geometry._bvh import build
+from model.geometry._bvh import LANES, ROWS, Tree
 from model.geometry._bvh_axes import tree_axes
-from model.geometry._bvh_query import closest_points, morton_order, pack, search
+from model.geometry._bvh_cells import sort_into_cells, with_cells
+from model.geometry._bvh_query import ROUNDING, closest_points, morton_order, search, work_at_first
 from model.geometry._bvh_references import references
+from model.geometry._bvh_split import split
 from model.geometry._bvh_within import search_within
 from model.geometry.topology import distinct_faces, duplicate_vertex_map
 from model.geometry.transforms import turned
@@ -41,22 +43,28 @@ class SurfaceIndex:
         if faces.shape[0] == 0:
             raise ValueError("a surface needs at least one face")
         self._axes = tree_axes(vertices, faces)
-        vertices = self._turn(vertices)
-        boxes, owners = references(vertices, faces)
-        tree = build(boxes, owners)
-        if tree[3]:  # many times the same triangle, perhaps: once will do
+        turned = self._turn(vertices)
+        nodes, children, lanes, crowded = _built(turned, faces)
+        if crowded:  # many times the same triangle, perhaps: once will do
             distinct = np.flatnonzero(distinct_faces(duplicate_vertex_map(vertices), faces))
             if len(distinct) < len(faces):
-                boxes, owners = references(vertices, faces[distinct])
-                owners = distinct[owners].astype(np.int32)
-                tree = build(boxes, owners)
-        self._boxes, self._children, leaves, _ = tree
-        self._frames, self._owners = pack(vertices, faces, owners, leaves, float(work))
+                nodes, children, lanes, _ = _built(turned, faces[distinct])
+                lanes = distinct[lanes].astype(np.int32)
+        self.tree = Tree(
+            nodes,
+            children,
+            np.zeros(len(lanes) * ROWS),
+            lanes,
+            turned,
+            faces,
+            np.array([work_at_first(work), work]),
+            ROUNDING * float(np.abs(turned).max()),
+        )
 
     @property
     def work_left(self) -> float:
         """Nodes and leaves that queries may still look into; negative once it is used up."""
-        return float(self._frames[-1])
+        return float(self.tree.left[1])
 
     def require_work(self) -> None:
         """Pass when all that was found is exact. To be called after kernels that use `tree`.
@@ -64,7 +72,7 @@ class SurfaceIndex:
         Raises:
             TooComplexError: the work is used up, and what was measured last is not.
         """
-        if self._frames[-1] <= 0.0:
+        if self.work_left <= 0.0:
             raise TooComplexError(
                 "The mesh is too complex: so many of its faces cross or crowd each other that distances to it cannot "
                 "be measured in the time a request may take. Send its outer surface alone, or a simplified mesh."
@@ -84,10 +92,10 @@ class SurfaceIndex:
         turned = self._turn(kernel_array(points, np.float64))
         squared, lanes, _ = self._search(turned, bound * bound, np.inf)
         found = np.empty((len(turned), 3))
-        closest_points(turned, lanes, self._frames, found)
+        closest_points(turned, lanes, self.tree, found)
         if self._axes is not None:
             found = self.from_tree(found)
-        return found, squared, np.where(lanes >= 0, self._owners[lanes], np.int32(-1))
+        return found, squared, np.where(lanes >= 0, self.tree.owners[lanes], np.int32(-1))
 
     def squared_distances(self, points: FloatArray) -> FloatArray:
         """(n,) squared distances of (n, 3) points from the surface."""
@@ -97,7 +105,7 @@ class SurfaceIndex:
         """(n,) whether (n, 3) points have any surface within a distance: much cheaper than how far it is."""
         turned = self._turn(kernel_array(points, np.float64))
         found = np.empty(len(turned), dtype=np.bool_)
-        search_within(turned, morton_order(turned), distance * distance, *self.tree, found)
+        search_within(turned, morton_order(turned), distance * distance, self.tree, found)
         self.require_work()
         return found
 
@@ -112,16 +120,6 @@ class SurfaceIndex:
             raise ValueError("the mean needs at least one point")
         total = self._search(self._turn(kernel_array(points, np.float64)), np.inf, stop_above * count)[2]
         return np.inf if total > stop_above * count else total / count
-
-    @property
-    def tree(self) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Boxes, children and triangle frames for kernels of other modules, in the axes of the tree."""
-        return self._boxes, self._children, self._frames
-
-    @property
-    def owners(self) -> IntArray:
-        """The face of every lane of the leaves, for kernels of other modules."""
-        return self._owners
 
     def to_tree(self, vectors: FloatArray) -> FloatArray:
         """A copy of points or directions (n, 3) in the axes of the tree, which may be turned about the origin."""
@@ -141,9 +139,7 @@ class SurfaceIndex:
         total = search(
             points,
             morton_order(points),
-            self._boxes,
-            self._children,
-            self._frames,
+            self.tree,
             float(bound),
             float(stop_above),
             squared,
@@ -151,3 +147,15 @@ class SurfaceIndex:
         )
         self.require_work()
         return squared, lanes, total
+
+
+def _built(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray, bool]:
+    """Boxes, children and owners as in ``_bvh.Tree``, and whether many triangles had one centre."""
+    boxes, owners = references(vertices, faces)
+    order, cells, cell_boxes, crowded = sort_into_cells(boxes)
+    if len(boxes) > len(faces):  # triangles had to be cut: here splitting down to the leaves saves a third of the work
+        nodes, children, order, cells = split(boxes.copy(), LANES)
+    else:
+        nodes, children, numbers, leaves = split(cell_boxes, 1)
+        cells = cells[numbers[leaves[:, 0]]]
+    return *with_cells(boxes, owners, order, cells, nodes, children), crowded

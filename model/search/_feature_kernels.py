@@ -6,8 +6,9 @@ Everything is in the axes of the tree.
 import numpy as np
 
 from model._jit import jit, jit_allocating
-from model.geometry._bvh import FANOUT, LANES, STACK
-from model.geometry._bvh_query import closest_on, nearest
+from model.geometry._bvh import LANES, Tree, scratch
+from model.geometry._bvh_frames import closest_on
+from model.geometry._bvh_query import nearest
 from model.geometry._operation_kernels import image_of
 from model.types import FloatArray, IntArray
 
@@ -23,15 +24,10 @@ def feature_deviations(
     slack: float,
     base: float,
     on_edge: float,
-    vertices: FloatArray,
-    faces: IntArray,
     first: IntArray,
     of_face: FloatArray,
     at_vertex: FloatArray,
-    owners: IntArray,
-    boxes: FloatArray,
-    children: IntArray,
-    frames: FloatArray,
+    tree: Tree,
     deviations: FloatArray,
     allowed: FloatArray,
     coinciding: IntArray,
@@ -40,8 +36,7 @@ def feature_deviations(
 
     ``coinciding`` ``(m,)``: the vertex that an image coincides with to ``base``, the ``first`` at its place, or -1.
     """
-    waiting, waiting_squared = np.empty(STACK, dtype=np.int32), np.empty(STACK)
-    child_squared, leaf_squared = np.empty(FANOUT), np.empty(LANES)
+    paper = scratch()
     image, place = np.empty(3), np.empty(3)
     seed = 0
     for i in range(len(points)):
@@ -52,25 +47,20 @@ def feature_deviations(
             image[2],
             seed,
             np.inf,
-            boxes,
-            children,
-            frames,
-            waiting,
-            waiting_squared,
-            child_squared,
-            leaf_squared,
+            tree,
+            paper,
         )
         seed = lane // LANES
-        owner = owners[lane]
-        place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, frames)
-        sagitta = max(sagittas[i], of_face[owner], _rim(place, vertices, faces[owner], at_vertex, on_edge))
+        owner = tree.owners[lane]
+        place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, tree)
+        sagitta = max(sagittas[i], of_face[owner], _rim(place, tree.vertices, tree.faces[owner], at_vertex, on_edge))
         coinciding[i] = -1
         for k in range(3):
             gap = 0.0
             for a in range(3):
-                gap += (image[a] - vertices[faces[owner, k], a]) ** 2
+                gap += (image[a] - tree.vertices[tree.faces[owner, k], a]) ** 2
             if gap <= base * base:
-                coinciding[i] = first[faces[owner, k]]
+                coinciding[i] = first[tree.faces[owner, k]]
         deviations[i], allowed[i] = np.sqrt(squared), base + slack * sagitta
 
 

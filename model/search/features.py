@@ -104,8 +104,7 @@ class Features:
             self._allowed,
             _ON_EDGE**2,
             *self._tables,
-            surface.owners,
-            *surface.tree,
+            surface.tree,
             deviations,
             allowed,
             images,
@@ -114,11 +113,10 @@ class Features:
         return Look(points, sagittas, deviations, deviations > allowed, images)
 
     @cached_property
-    def _tables(self) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
-        """What the kernel has to know: vertices in the axes of the tree, faces, vertices at one place, and sagittas."""
+    def _tables(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """What the kernel has to know: vertices at one place, and sagittas."""
         of_face, at_vertex = self._facets.sagittas
-        faces, first = (kernel_array(values, np.int32) for values in (self._facets.faces, self._first))
-        return self._surface.to_tree(self._vertices), faces, first, kernel_array(of_face, np.float64), at_vertex
+        return kernel_array(self._first, np.int32), kernel_array(of_face, np.float64), at_vertex
 
     def _corners_of(self, faces: IntArray) -> IntArray:
         """The vertices of some faces, each once, in the order in which the faces have them."""

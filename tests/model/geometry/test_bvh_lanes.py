@@ -3,9 +3,10 @@
 import numpy as np
 
 from model._jit import jit
-from model.geometry._bvh import FANOUT, LANES, ROWS
-from model.geometry._bvh_lanes import lowest, near_boxes, near_triangles
-from model.geometry._bvh_query import pack
+from model.geometry._bvh import FANOUT, LANES, ROWS, Tree
+from model.geometry._bvh_frames import near_leaf
+from model.geometry._bvh_lanes import lowest, near_boxes
+from model.geometry.surface import SurfaceIndex
 
 
 @jit
@@ -14,8 +15,8 @@ def boxes_near(boxes: np.ndarray, place: np.ndarray, enough: float, squared: np.
 
 
 @jit
-def triangles_near(frames: np.ndarray, place: np.ndarray, enough: float, squared: np.ndarray) -> int:
-    return near_triangles(frames, ROWS * LANES, place[0], place[1], place[2], enough, squared)
+def leaf_near(leaf: int, place: np.ndarray, enough: float, tree: Tree, squared: np.ndarray) -> int:
+    return near_leaf(leaf, place[0], place[1], place[2], enough, tree, squared)
 
 
 @jit
@@ -44,22 +45,24 @@ def test_boxes_are_as_far_as_their_sides_and_absent_ones_infinitely_far() -> Non
 
 def test_triangles_are_as_far_as_their_nearest_point() -> None:
     rng = np.random.default_rng(1)
-    vertices = rng.normal(size=(3 * 2 * LANES, 3))
+    vertices = rng.normal(size=(3 * LANES, 3))
     vertices[-3:] = vertices[-3] + np.array([[0.0], [1.0], [0.4]]) * vertices[-2]  # one without area
     faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    leaves = np.array([[0, LANES], [LANES, 2 * LANES]], dtype=np.int32)
-    frames, _ = pack(vertices, faces, np.arange(len(faces), dtype=np.int32), leaves, 1e9)
+    tree = SurfaceIndex(vertices, faces).tree
     share = np.linspace(0.0, 1.0, 201)
     first, second = (grid.ravel() for grid in np.meshgrid(share, share))
     inside = first + second <= 1.0 + 1e-12
     weights = np.stack([1.0 - first - second, first, second], axis=1)[inside]
     squared = np.empty(LANES)
-    for place in rng.normal(size=(20, 3)):
-        dense = np.square(weights @ vertices[faces[LANES:]] - place).sum(2).min(1)  # from a dense grid of their points
-        enough = float(np.median(dense))
-        assert triangles_near(frames, place, enough, squared) == bits_of(squared < enough)
-        assert (squared <= dense + 1e-12).all()
-        np.testing.assert_allclose(np.sqrt(squared), np.sqrt(dense), atol=0.03)
+    for leaf in range(len(tree.owners) // LANES):
+        of_leaf = weights @ tree.vertices[tree.faces[tree.owners[leaf * LANES : (leaf + 1) * LANES]]]
+        assert not tree.frames.reshape(-1, ROWS * LANES)[leaf].any()  # made when it is looked at
+        for place in rng.normal(size=(20, 3)):
+            dense = np.square(of_leaf - place).sum(2).min(1)  # from a dense grid of their points
+            enough = float(np.median(dense))
+            assert leaf_near(leaf, place, enough, tree, squared) == bits_of(squared < enough)
+            assert (squared <= dense + 1e-12).all()
+            np.testing.assert_allclose(np.sqrt(squared), np.sqrt(dense), atol=0.03)
 
 
 def test_the_lowest_bit_is_found() -> None:

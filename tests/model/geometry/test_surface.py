@@ -168,7 +168,7 @@ def test_the_sum_stops_before_all_points_are_visited():
     squared, lanes = np.full(1000, -1.0), np.full(1000, -1)
     order = np.arange(1000, dtype=np.int32)
     total = search(
-        points, order, index._boxes, index._children, index._frames, np.inf, 200.0, squared, lanes,
+        points, order, index.tree, np.inf, 200.0, squared, lanes,
     )  # fmt: skip
     visited = np.flatnonzero(squared >= 0)
     expected = index.squared_distances(points)
