@@ -20,7 +20,7 @@ from model.detection import Detection
 from model.errors import TooComplexError
 from model.formats.conversion import MeshLike, as_mesh
 from model.geometry.integrals import principal_frame, unit_frame
-from model.geometry.sampling import extreme_vertices, sample_surface
+from model.geometry.sampling import SurfaceSampler, extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
 from model.geometry.surface import SurfaceIndex
 from model.meshes.bodies import inner_faces
@@ -193,7 +193,7 @@ class Detector:
         result = answer(
             context,
             found,
-            SurfaceSamples.drawn(vertices, faces, DEFAULT.report_samples, seed=0),
+            SurfaceSamples.drawn(context.sampler, DEFAULT.report_samples, seed=0),
             ExactnessTest(context.surface, context.meter.facets, resolution),
             choice,
             proposals,
@@ -234,12 +234,15 @@ class Detector:
         spent["infer"] = _since(mark)
         mark = time.perf_counter()
         surface = SurfaceIndex(vertices, faces)
-        samples = SurfaceSamples.drawn(vertices, faces, DEFAULT.refine_samples, seed=1)
+        sampler = SurfaceSampler(vertices, faces)
+        samples = SurfaceSamples.drawn(sampler, DEFAULT.refine_samples, seed=1)
         sides = directions()[::DIRECTION_STRIDE] @ principal
         anchors = extreme_vertices(vertices, faces, np.concatenate([sides, -sides]))
-        judging = SurfaceSamples.drawn(vertices, faces, DEFAULT.judge_samples, seed=2)
+        judging = SurfaceSamples.drawn(sampler, DEFAULT.judge_samples, seed=2)
         meter = DeviationMeter(surface, vertices, faces, near=DEFAULT.near)
-        context = SearchContext(meter, samples, anchors, judging, DistanceGrid(occupied), turn, principal, max_error)
+        context = SearchContext(
+            meter, sampler, samples, anchors, judging, DistanceGrid(occupied), turn, principal, max_error
+        )
         found = find_symmetries(context, proposals, sources)
         spent["refine"] = _since(mark)
         if timings is not None:

@@ -35,30 +35,20 @@ def sort_into_cells(refs: FloatArray) -> tuple[IntArray, IntArray, FloatArray, b
     count = refs.shape[0]
     order, spare = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
     keys, spare_keys = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
-    surface = 0.0
-    for ref in range(count):
-        surface += _half_surface(refs, ref)
-    limit = surface / count * _ALONE
-    inside, outside = 0, count
-    for ref in range(count):
-        if _half_surface(refs, ref) > limit:
-            outside -= 1
-            order[outside] = ref
-        else:
-            order[inside] = ref
-            inside += 1
+    inside = _code_all(refs, keys, order)
     cells = np.empty((count, 2), dtype=np.int32)
     found = 0
     crowded = False
     # Ranges that are to be sorted, last in, first out: what shares a cell of the finest grid is sorted again by itself.
     waiting = np.empty((count // _CELL + 2, 2), dtype=np.int32)
     waiting[0, 0], waiting[0, 1] = 0, inside
-    left = 1
+    left, coded = 1, True
     starts = np.empty(1 << _BITS, dtype=np.int64)
     while left > 0:
         left -= 1
         first, last = int(waiting[left, 0]), int(waiting[left, 1])
-        coincide = _code(refs, order, first, last, keys)
+        coincide = not coded and _code(refs, order, first, last, keys)
+        coded = False
         if not coincide:
             _sort(keys, order, spare_keys, spare, first, last, starts)
         place = first
@@ -157,6 +147,46 @@ def _cover(refs: FloatArray, order: IntArray, start: int, end: int, box: FloatAr
 
 
 @jit
+def _code_all(refs: FloatArray, keys: IntArray, order: IntArray) -> int:
+    """Morton codes of all references, in two passes; the largest come last, without: how many are before them."""
+    count = refs.shape[0]
+    surface = 0.0
+    ax, ay, az, bx, by, bz = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
+    for ref in range(count):
+        surface += _half_surface(refs, ref)
+        x, y, z = refs[ref, 0] + refs[ref, 3], refs[ref, 1] + refs[ref, 4], refs[ref, 2] + refs[ref, 5]
+        ax, ay, az = min(ax, x), min(ay, y), min(az, z)
+        bx, by, bz = max(bx, x), max(by, y), max(bz, z)
+    scale = _scale(bx - ax, by - ay, bz - az)
+    limit = surface / count * _ALONE
+    inside, outside = 0, count
+    for ref in range(count):
+        if _half_surface(refs, ref) > limit:
+            outside -= 1
+            order[outside] = ref
+        else:
+            order[inside] = ref
+            keys[inside] = _key(refs, ref, ax, ay, az, scale)
+            inside += 1
+    return inside
+
+
+@jit
+def _scale(x: float, y: float, z: float) -> float:
+    width = max(x, y, z)
+    return ((1 << _BITS) - 1) / width if width > 1e-290 else 0.0
+
+
+@jit
+def _key(refs: FloatArray, ref: int, x: float, y: float, z: float, scale: float) -> int:
+    """The Morton code of a reference's doubled middle, from a corner of the grid on."""
+    i = int((refs[ref, 0] + refs[ref, 3] - x) * scale)
+    j = int((refs[ref, 1] + refs[ref, 4] - y) * scale)
+    k = int((refs[ref, 2] + refs[ref, 5] - z) * scale)
+    return _spaced(i) | (_spaced(j) << 1) | (_spaced(k) << 2)
+
+
+@jit
 def _code(refs: FloatArray, order: IntArray, first: int, last: int, keys: IntArray) -> bool:
     """Fill ``keys[first:last]`` with Morton codes in the range's own box of middles; whether all are at one place."""
     ax, ay, az, bx, by, bz = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
@@ -165,14 +195,9 @@ def _code(refs: FloatArray, order: IntArray, first: int, last: int, keys: IntArr
         x, y, z = refs[ref, 0] + refs[ref, 3], refs[ref, 1] + refs[ref, 4], refs[ref, 2] + refs[ref, 5]
         ax, ay, az = min(ax, x), min(ay, y), min(az, z)
         bx, by, bz = max(bx, x), max(by, y), max(bz, z)
-    width = max(bx - ax, by - ay, bz - az)
-    scale = ((1 << _BITS) - 1) / width if width > 1e-290 else 0.0
+    scale = _scale(bx - ax, by - ay, bz - az)
     for place in range(first, last):
-        ref = order[place]
-        x = int((refs[ref, 0] + refs[ref, 3] - ax) * scale)
-        y = int((refs[ref, 1] + refs[ref, 4] - ay) * scale)
-        z = int((refs[ref, 2] + refs[ref, 5] - az) * scale)
-        keys[place] = _spaced(x) | (_spaced(y) << 1) | (_spaced(z) << 2)
+        keys[place] = _key(refs, int(order[place]), ax, ay, az, scale)
     return scale == 0.0
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from model._jit import jit, kernel_array
-from model.geometry.topology import duplicate_vertex_map
+from model.geometry.topology import connected_parts, duplicate_vertex_map
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _MOST_BODIES = 500
@@ -27,25 +27,20 @@ def inner_faces(vertices: FloatArray, faces: IntArray, merged: IntArray | None =
         faces: ``(f, 3)`` int32.
         merged: ``(v,)`` vertices at one place (`duplicate_vertex_map`), if that is known.
     """
-    faces = kernel_array(faces, np.int32)
+    vertices, faces = kernel_array(vertices, np.float64), kernel_array(faces, np.int32)
     inside = np.zeros(len(faces), dtype=np.bool_)
     merged = duplicate_vertex_map(vertices) if merged is None else merged
-    body = np.empty(len(merged), dtype=np.int32)
-    _join(merged, faces, body)
-    roots = body[merged[faces[:, 0]]]
-    numbers = np.zeros(len(merged), dtype=np.int32)
-    numbers[roots] = 1
-    count = int(numbers.sum())
-    if not 1 < count <= _MOST_BODIES:
+    parts = np.empty(len(vertices), dtype=np.int32)
+    corners = kernel_array(merged[faces], np.int32)
+    connected_parts(corners, parts)
+    of_face, boxes = np.empty(len(faces), dtype=np.int32), np.empty((_MOST_BODIES, 6))
+    count = _bound(vertices, corners, parts, np.full(len(vertices), -1, dtype=np.int32), of_face, boxes)
+    low, high = boxes[:count, :3], boxes[:count, 3:]
+    around = np.asarray(((low < low[:, None]) & (high > high[:, None])).all(axis=2))
+    if not around.any():
         return inside, 0
-    of_face = (np.cumsum(numbers) - 1)[roots]
-    vertices = kernel_array(vertices, np.float64)
     order = np.argsort(of_face, kind="stable")
     starts = np.searchsorted(of_face[order], np.arange(count + 1))
-    corners = vertices[faces[order]]
-    low = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
-    high = np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
-    around = np.asarray(((low < low[:, None]) & (high > high[:, None])).all(axis=2))
     left, found = _MOST_ANGLES, np.zeros(count, dtype=np.bool_)
     for inner in np.flatnonzero(around.any(axis=1)).tolist():
         points = _extremes(vertices, faces[order[starts[inner] : starts[inner + 1]]])
@@ -97,23 +92,28 @@ def _surrounds(vertices: FloatArray, faces: IntArray, points: FloatArray, least:
 
 
 @jit
-def _join(merged: IntArray, faces: IntArray, body: IntArray) -> None:
-    """Fill ``body`` (v,): the lowest of the merged vertices that each hangs together with."""
-    for vertex in range(body.shape[0]):
-        body[vertex] = vertex
+def _bound(
+    vertices: FloatArray, faces: IntArray, parts: IntArray, numbers: IntArray, of_face: IntArray, boxes: FloatArray
+) -> int:
+    """Fill ``of_face`` ``(f,)`` with numbers of bodies and ``boxes`` with theirs; how many there are, 0 for too many.
+
+    ``parts`` ``(v,)``: what hangs together has the same; ``numbers`` ``(v,)``, all -1, is scratch.
+    """
+    count = 0
     for face in range(faces.shape[0]):
-        a = _root(body, int(merged[faces[face, 0]]))
-        for corner in range(1, 3):
-            b = _root(body, int(merged[faces[face, corner]]))
-            a, b = min(a, b), max(a, b)
-            body[b] = a
-    for vertex in range(body.shape[0]):
-        body[vertex] = _root(body, vertex)
-
-
-@jit
-def _root(body: IntArray, vertex: int) -> int:
-    while body[vertex] != vertex:
-        body[vertex] = body[body[vertex]]
-        vertex = body[vertex]
-    return vertex
+        part = parts[faces[face, 0]]
+        if numbers[part] < 0:
+            if count == boxes.shape[0]:
+                return 0
+            numbers[part] = count
+            for axis in range(3):
+                boxes[count, axis], boxes[count, 3 + axis] = np.inf, -np.inf
+            count += 1
+        body = numbers[part]
+        of_face[face] = body
+        for corner in range(3):
+            vertex = faces[face, corner]
+            for axis in range(3):
+                boxes[body, axis] = min(boxes[body, axis], vertices[vertex, axis])
+                boxes[body, 3 + axis] = max(boxes[body, 3 + axis], vertices[vertex, axis])
+    return count

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from model.geometry.operations import Operations
+from model.geometry.sampling import SurfaceSampler
 from model.geometry.scan import DistanceGrid, directions, minima
 from model.geometry.surface import WORK, SurfaceIndex
 from model.search.deviation import DeviationMeter, SurfaceSamples
@@ -21,13 +22,14 @@ _ODD_LINES, _ODD_ANGLES = 2, (2.0 * np.pi / 3.0, 4.0 * np.pi / 5.0, 6.0 * np.pi 
 class SearchContext:
     """A surface in the unit frame, ready to be searched.
 
-    ``samples`` of the surface serve refinement, together with ``anchors`` ``(m, 3)``, extreme vertices that
-    hold fast what hardly a sample hits, corners and rims; hypotheses are compared on ``judging``, other
-    samples. ``grid`` holds the voxels in the frame that ``rotation`` ``(3, 3)`` takes the unit frame to; the rows of
-    ``principal`` ``(3, 3)`` are the inertia frame's axes. ``max_error`` is the threshold on the SDE.
+    ``sampler`` draws from the surface; ``samples`` of it serve refinement, together with ``anchors`` ``(m, 3)``,
+    extreme vertices that hold fast what hardly a sample hits, corners and rims; hypotheses are compared on ``judging``,
+    other samples. ``grid`` holds the voxels in the frame that ``rotation`` ``(3, 3)`` takes the unit frame to; the rows
+    of ``principal`` ``(3, 3)`` are the inertia frame's axes. ``max_error`` is the threshold on the SDE.
     """
 
     meter: DeviationMeter
+    sampler: SurfaceSampler
     samples: SurfaceSamples
     anchors: FloatArray
     judging: SurfaceSamples

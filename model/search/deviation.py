@@ -14,7 +14,7 @@ from model.geometry.normals import face_normals
 from model.geometry.open_boundary import OpenBoundary
 from model.geometry.operations import Operations
 from model.geometry.refinement import squared_distances
-from model.geometry.sampling import sample_surface
+from model.geometry.sampling import SurfaceSampler
 from model.geometry.surface import SurfaceIndex
 from model.search.facets import Facets
 from model.types import BoolArray, FloatArray, IntArray
@@ -58,12 +58,12 @@ class SurfaceSamples:
     normals: FloatArray
 
     @classmethod
-    def drawn(cls, vertices: FloatArray, faces: IntArray, count: int, seed: int) -> "SurfaceSamples":
-        """``count`` points uniform on the surface (`model.geometry.sampling.sample_surface`)."""
-        points, owners = sample_surface(vertices, faces, count, seed)
+    def drawn(cls, sampler: SurfaceSampler, count: int, seed: int) -> "SurfaceSamples":
+        """``count`` points uniform on a surface."""
+        points, owners = sampler.draw(count, seed)
         order = morton_order(points)  # neighbours find their images in the same leaves
         points, owners = points[order], owners[order]
-        return cls(points, owners, face_normals(vertices, faces[owners]))
+        return cls(points, owners, face_normals(sampler.vertices, sampler.faces[owners]))
 
     def every(self, stride: int) -> "SurfaceSamples":
         """Every so many-th sample."""

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model._jit import kernel_array
 from model.geometry.operations import Operations
 from model.geometry.surface import SurfaceIndex
 from model.geometry.topology import duplicate_vertex_map
 from model.search._closure_kernels import connected
+from model.search._resolution_kernels import extent_and_precision
 from model.search.facets import Facets
 from model.search.features import Features, Look
 from model.search.hypothesis import Hypothesis
@@ -158,10 +160,7 @@ def resolution_of(vertices: FloatArray) -> float:
     decimal or binary grid that nobody draws on by hand: one that is fine beside the shape, has many values, or is finer
     still and has some.
     """
-    largest = float(np.abs(vertices).max())
-    extent = float((vertices.max(0) - vertices.min(0)).max())
-    with np.errstate(over="ignore"):
-        single = bool((vertices.astype(np.float32) == vertices).all())
+    largest, extent, single = extent_and_precision(kernel_array(vertices, np.float64))
     result = _SINGLE * largest if single else 2.0**-52 * largest
     values: FloatArray = np.unique(vertices[:: max(1, len(vertices) // 5000)].ravel())
     if len(values) <= _SOME_VALUES or extent <= 0.0:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from model.geometry.frames import UnitFrame
+from model.geometry.sampling import SurfaceSampler
 from model.geometry.surface import SurfaceIndex
 from model.search.axis_order import RotationalSymmetry, rotation_order
 from model.search.deviation import DeviationMeter, SurfaceSamples
@@ -18,7 +19,7 @@ Z = np.array([0.0, 0.0, 1.0])
 def inspect(shape: KnownShape, direction: np.ndarray = Z, limit: float = 1e-3) -> RotationalSymmetry:
     frame = UnitFrame.of(shape.vertices, shape.faces)
     vertices = frame.to_unit(shape.vertices)
-    samples = SurfaceSamples.drawn(vertices, shape.faces, 120, seed=3)
+    samples = SurfaceSamples.drawn(SurfaceSampler(vertices, shape.faces), 120, seed=3)
     meter = DeviationMeter(SurfaceIndex(vertices, shape.faces), vertices, shape.faces, near=2e-3)
     return rotation_order(meter, samples, direction, np.zeros(3), limit=limit)
 

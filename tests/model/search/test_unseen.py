@@ -5,6 +5,7 @@ import pytest
 
 from model.geometry.frames import UnitFrame
 from model.geometry.operations import Operations
+from model.geometry.sampling import SurfaceSampler
 from model.geometry.surface import SurfaceIndex
 from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
 from model.search.settings import DEFAULT
@@ -22,7 +23,7 @@ def with_hole(family: str, number: int) -> tuple[KnownShape, UnitFrame, Deviatio
     frame = UnitFrame.of(vertices, faces)
     unit = frame.to_unit(vertices)
     meter = DeviationMeter(SurfaceIndex(unit, faces), unit, faces, near=DEFAULT.near)
-    return shape, frame, meter, SurfaceSamples.drawn(unit, faces, SAMPLES, 1)
+    return shape, frame, meter, SurfaceSamples.drawn(SurfaceSampler(unit, faces), SAMPLES, 1)
 
 
 def elements(shape: KnownShape, frame: UnitFrame) -> Operations:
@@ -55,6 +56,6 @@ def test_what_is_off_a_closed_surface_is_different_and_not_missing() -> None:
     frame = UnitFrame.of(shape.vertices, shape.faces)
     unit = frame.to_unit(shape.vertices)
     meter = DeviationMeter(SurfaceIndex(unit, shape.faces), unit, shape.faces, near=DEFAULT.near)
-    samples = SurfaceSamples.drawn(unit, shape.faces, SAMPLES, 1)
+    samples = SurfaceSamples.drawn(SurfaceSampler(unit, shape.faces), SAMPLES, 1)
     tilted = Operations.reflections(np.array([[0.6, 0.0, 0.8, 0.0]]))
     assert not meter.measure(tilted, samples).missing.any()
