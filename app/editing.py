@@ -98,23 +98,32 @@ def halve_mesh(
         plane, steps = best_plane(detection, options.max_error), detection.timings_ms
     else:
         plane = np.array(options.plane)
-    half = halve(mesh, plane, positive=options.positive, capped=options.capped)
-    result = _dressed(mesh, half.vertices, half.faces)
+    result, capped = half_of(mesh, plane, positive=options.positive, capped=options.capped)
     answer = edit_schemas.HalvedMesh(
         half=edit_schemas.Half(
             normal=numbers(plane[:3]),
             offset=float(plane[3]) + 0.0,
             detected=options.plane is None,
             side="positive" if options.positive else "negative",
-            capped=half.capped,
+            capped=capped,
             points=_datum_points(mesh, plane),
             faces=len(result.faces),
-            warnings=_warnings(mesh, options.capped and not half.capped),
+            warnings=_warnings(mesh, options.capped and not capped),
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
     )
     return answer, result
+
+
+def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True, capped: bool = False) -> tuple[Mesh, bool]:
+    """One side of a plane ``(4,)`` with its colours and pictures, and whether the cut is closed.
+
+    Raises:
+        model.errors.DegenerateMeshError: nothing of the mesh is on that side.
+    """
+    half = halve(mesh, plane, positive=positive, capped=capped)
+    return _dressed(mesh, half.vertices, half.faces), half.capped
 
 
 def sector_mesh(

@@ -68,7 +68,7 @@ def with_looks(
         coordinates, corners = _laid(data, int(lengths.sum()))
         laid = np.where(np.array([number >= 0 for _, number in distinct])[kind][:, None], corners[places], -1)
         laid[laid >= len(coordinates)] = -1
-    vertices, first, faces = _split(raw.faces, kind, laid, len(distinct), len(coordinates))
+    vertices, first, faces = split_vertices(raw.faces, kind, laid, len(distinct), len(coordinates))
     of_corner, at = kind[first // 3], laid.reshape(-1)[first]
     where = np.where((at >= 0)[:, None], coordinates[at] if len(coordinates) else 0.0, 0.0)
     colors = np.array([color for color, _ in distinct], dtype=np.uint8)[of_corner]
@@ -83,10 +83,18 @@ def with_looks(
     )
 
 
-def _split(
+def split_vertices(
     faces: IntArray, kind: AnyArray, laid: AnyArray, kinds: int, places: int
 ) -> tuple[AnyArray, AnyArray, IntArray]:
-    """Vertices for every combination of vertex, kind of material and place: of which vertex, at which corner, faces."""
+    """Vertices for every combination of vertex, kind of material and place: of which vertex, at which corner, faces.
+
+    Args:
+        faces: (f, 3); negative where broken.
+        kind: (f,) of the material, less than ``kinds``.
+        laid: (f, 3) which place each corner has, less than ``places``, -1 for none.
+        kinds: how many there are.
+        places: how many there are.
+    """
     broken = (faces < 0).any(axis=1)  # left for others to find
     keys = (faces.astype(np.int64) * kinds + kind[:, None]) * (places + 1) + laid + 1
     keys[broken] = -1
