@@ -8,7 +8,7 @@ import numpy as np
 from model._jit import jit
 from model.formats._common import RawMesh, Resources
 from model.formats._text import parse_number, parse_numbers
-from model.meshes.texture import MOST_PICTURES, Picture, picture, texture
+from model.meshes.texture import MOST_PICTURES, Picture, lost_pictures, picture, texture
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.MULTILINE)
@@ -59,6 +59,7 @@ def with_looks(
     of_polygon = np.searchsorted(starts, polygon_starts)  # 0: before any material
     polygons = np.searchsorted(np.cumsum(lengths), places[:, 0], side="right")
     pictures, numbers = _pictures(materials, resources)
+    lost = len({each.picture for each, number in zip(materials, numbers, strict=True) if each.picture and number < 0})
     kinds = [(material.color, number) for material, number in zip(materials, numbers, strict=True)]
     distinct = sorted(set(kinds))
     kind = np.array([distinct.index(each) for each in kinds])[of_polygon][polygons]
@@ -80,6 +81,7 @@ def with_looks(
         colors=colors if raw.colors is None else raw.colors[vertices],
         texture=texture(where, of_face, pictures),
         painted=False,
+        warnings=(*raw.warnings, *lost_pictures(lost)),
     )
 
 

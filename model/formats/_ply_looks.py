@@ -9,8 +9,8 @@ from model.formats._common import RawMesh, Resources
 from model.formats._obj_looks import split_vertices
 from model.formats._ply_tables import Element, Lists
 from model.formats._ply_text import Table
-from model.meshes.texture import MOST_PICTURES, Picture, picture, texture
-from model.types import AnyArray, ByteArray, FloatArray
+from model.meshes.texture import MOST_PICTURES, Picture, lost_pictures, picture, texture
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray
 
 _NAME = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.+?)[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
 _PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"), ("tx", "ty"))
@@ -75,6 +75,7 @@ class PlyLooks:
             found = picture(resources(name))
             known.append(-1 if found is None else len(pictures))
             pictures += [] if found is None else [found]
+        raw = replace(raw, warnings=(*raw.warnings, *lost_pictures(known.count(-1))))
         if not pictures:
             return raw
         where = np.arange(3 * len(raw.faces)).reshape(-1, 3) if places is None else places
@@ -99,7 +100,7 @@ class PlyLooks:
         pictures: list[Picture],
     ) -> RawMesh:
         """With places of corners: vertices where parts of a picture meet become several."""
-        whole = corners.lengths == 2 * lengths
+        whole: BoolArray = np.asarray(corners.lengths == 2 * lengths)
         of_face = np.where(whole[polygons], of_face, -1)
         first = (np.cumsum(corners.lengths) - corners.lengths)[polygons]
         inside = where - (np.cumsum(lengths) - lengths)[polygons][:, None]
