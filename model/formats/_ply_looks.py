@@ -100,7 +100,7 @@ class PlyLooks:
         pictures: list[Picture],
     ) -> RawMesh:
         """With places of corners: vertices where parts of a picture meet become several."""
-        whole: BoolArray = np.asarray(corners.lengths == 2 * lengths)
+        whole: BoolArray = np.asarray(corners.lengths) == 2 * np.asarray(lengths)
         of_face = np.where(whole[polygons], of_face, -1)
         first = (np.cumsum(corners.lengths) - corners.lengths)[polygons]
         inside = where - (np.cumsum(lengths) - lengths)[polygons][:, None]
@@ -110,7 +110,7 @@ class PlyLooks:
         pairs[at.reshape(-1) < 0] = 0.0
         coordinates, numbers = np.unique(np.nan_to_num(pairs), axis=0, return_inverse=True)
         laid = np.where(at >= 0, numbers.reshape(-1, 3), -1)
-        sound = ((raw.faces >= 0) & (raw.faces < len(raw.vertices))).all(axis=1)
+        sound: BoolArray = np.asarray(((raw.faces >= 0) & (raw.faces < len(raw.vertices))).all(axis=1))
         own = np.where(sound[:, None], raw.faces, np.int32(-1))  # broken ones are left for others to find
         vertices, corner, faces = split_vertices(own, of_face + 1, laid, len(pictures) + 1, len(coordinates))
         of_vertex = laid.reshape(-1)[corner]
