@@ -281,7 +281,7 @@ SECTOR = _mesh_answer(
     "One of n equal sectors as a file, in the mesh's own coordinates; the header has lines for CalculiX and FreeCAD.",
     edit_schemas.SECTOR,
     "Sector",
-    "-F file=@gear.stl -o sector.stl 'http://127.0.0.1:8000/sector?format=stl'",
+    "-F file=@vase.ply -o sector.stl 'http://127.0.0.1:8000/sector?format=stl'",
     problems.NO_AXIS,
 )
 ALIGN = _mesh_answer(

@@ -8,8 +8,12 @@ import numpy as np
 from model.geometry.straight_corners import signed_areas, with_straight_corners, without_slivers
 from model.types import AnyArray, FloatArray, IntArray
 
+_MOST_EDGES = 100_000
+"""Of all outlines."""
+
 _MOST_CORNERS = 20_000
-"""Of one region of a lid: the time to triangulate one may grow with their square."""
+"""Of a lid that is one region: the time to triangulate one may grow with their square, which is added up for several.
+"""
 
 _MOST_COMPARISONS = 3e8
 """Edges looked at to tell which outline is inside which."""
@@ -41,12 +45,12 @@ def lid(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: floa
         rounding: how far from the plane a vertex is that is on it.
 
     Returns:
-        ``(t, 3)``; None where outlines are open or cross, so that nobody knows what is inside.
+        ``(t, 3)``; None where outlines are open or cross, so that nobody knows what is inside, or are too many.
     """
     edges = _outline_edges(faces, np.abs(vertices @ plane[:3] + plane[3]) <= 4.0 * rounding)
     if not len(edges):
         return np.empty((0, 3), dtype=np.int32)
-    if (np.bincount(edges.ravel()) % 2).any():
+    if len(edges) > _MOST_EDGES or (np.bincount(edges.ravel()) % 2).any():
         return None
     corners, local = np.unique(edges, return_inverse=True)
     local = local.reshape(-1, 2)
@@ -149,7 +153,7 @@ def _regions(flat: FloatArray, rings: list[AnyArray]) -> list[_Region] | None:
             return None
         found[outer[0]].rings.append(rings[number] if areas[number] < 0.0 else rings[number][::-1])
     regions = list(found.values())
-    return None if any(sum(map(len, region.rings)) > _MOST_CORNERS for region in regions) else regions
+    return None if sum(sum(map(len, region.rings)) ** 2 for region in regions) > _MOST_CORNERS**2 else regions
 
 
 def _around(

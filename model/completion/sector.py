@@ -15,7 +15,10 @@ from model.meshes.mesh import Mesh
 from model.types import FloatArray, IntArray
 
 _TRIED = 16
-"""Places to cut that are looked at, beside mirror planes."""
+"""Places to cut that are looked at, and as many along mirror planes."""
+
+_LOOKS = 8_000_000
+"""Faces that are looked at for it: of larger meshes at fewer places."""
 
 _HARDLY_LONGER = 1.05
 """A cut along a mirror plane may be so much longer than the shortest one."""
@@ -138,11 +141,12 @@ def _shortest(
     mirrors: Sequence[FloatArray],
 ) -> FloatArray:
     """The way from the axis along which a cut is short: between blades, teeth and spokes."""
-    along = [_across(np.cross(direction, normal), direction) for normal in mirrors]
+    along = [_across(np.cross(direction, normal), direction) for normal in mirrors[: _TRIED // 2]]
     along += [-way for way in along]
     first = along[0] if along else _across(np.eye(3)[int(np.argmin(np.abs(direction)))], direction)
-    step = 2.0 * np.pi / (order * _TRIED)
-    others = [rotation_matrix(direction, step * k) @ first for k in range(0 if not along else 1, _TRIED)]
+    tried = int(np.clip(_LOOKS // len(faces), 2, _TRIED))
+    step = 2.0 * np.pi / (order * tried)
+    others = [rotation_matrix(direction, step * k) @ first for k in range(0 if not along else 1, tried)]
     lengths = [_cut_length(vertices - point, faces, direction, way) for way in [*along, *others]]
     best = int(np.argmin(lengths))
     if along:
