@@ -3,8 +3,8 @@
 ``http`` serves, ``workers`` run ``detection`` in processes of their own, ``outputs`` writes answers, ``cli`` and
 ``client`` are what people and programs use.
 
-What programs use is here, loaded on first use: `detect`, `complete`, `halve` and `align` in this process, `Client` and
-`AsyncClient` with a running service, and the errors that clients raise.
+What programs use is here, loaded on first use: `detect`, `complete`, `halve`, `sector` and `align` in this process,
+`Client` and `AsyncClient` with a running service, and the errors that clients raise.
 """
 
 from importlib import import_module
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         UnreachableError,
         UnusableMeshError,
     )
-    from app.local import align, complete, detect, halve
+    from app.local import align, complete, detect, halve, sector
     from app.schemas import DetectResponse
 
 _HOMES = {
@@ -41,6 +41,7 @@ _HOMES = {
     "complete": "local",
     "detect": "local",
     "halve": "local",
+    "sector": "local",
 }
 
 __all__ = [
@@ -58,6 +59,7 @@ __all__ = [
     "complete",
     "detect",
     "halve",
+    "sector",
 ]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app import schemas
+from app import edit_schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
 from app.editing import best_plane
 from model.completion.mirroring import Completed, complete
@@ -36,7 +36,7 @@ def complete_file(
     limits: MeshLimits,
     on_parsed: Callable[[], None] = lambda: None,
     resources: Resources = no_resources,
-) -> "tuple[schemas.CompletedMesh, Mesh]":
+) -> "tuple[edit_schemas.CompletedMesh, Mesh]":
     """The mesh of a file completed by its mirror image: what was done, and the completed mesh.
 
     Raises:
@@ -52,7 +52,7 @@ def complete_file(
 
 def complete_mesh(
     detector: SymmetryDetector, mesh: Mesh, filename: str, options: CompleteOptions, started: float, parsed: float
-) -> "tuple[schemas.CompletedMesh, Mesh]":
+) -> "tuple[edit_schemas.CompletedMesh, Mesh]":
     """What `complete_file` answers, for a mesh that was read between two readings of ``time.perf_counter``.
 
     Raises:
@@ -68,7 +68,7 @@ def complete_mesh(
     done = complete(mesh, plane, symmetrize=options.symmetrize)
     mirrored = np.arange(len(done.faces)) >= done.faces_kept
     result = with_looks_of(mesh, done.vertices, done.faces, mirrored, plane)
-    answer = schemas.CompletedMesh(
+    answer = edit_schemas.CompletedMesh(
         completion=_completion(done, plane, options, mesh.warnings),
         mesh=mesh_info(result, filename),
         complete_ms=(time.perf_counter() - began) * 1e3,
@@ -79,9 +79,9 @@ def complete_mesh(
 
 def _completion(
     done: Completed, plane: "FloatArray", options: CompleteOptions, warnings: tuple[str, ...]
-) -> schemas.Completion:
-    return schemas.Completion(
-        plane=schemas.MirrorPlane(
+) -> edit_schemas.Completion:
+    return edit_schemas.Completion(
+        plane=edit_schemas.MirrorPlane(
             normal=[float(value) + 0.0 for value in plane[:3]],
             offset=float(plane[3]) + 0.0,
             detected=options.plane is None,

@@ -172,7 +172,7 @@ def to_response(
         frame=schemas.Frame(
             coordinates="input",
             units=mesh.units,
-            center=_numbers(detection.center),
+            center=numbers(detection.center),
             scale=float(detection.scale),
         ),
         mesh=mesh_info(mesh, filename),
@@ -211,20 +211,21 @@ def timings(steps: Mapping[str, float], started: float, parsed: float) -> schema
     )
 
 
-def _numbers(values: "FloatArray | Iterable[float]") -> list[float]:
+def numbers(values: "FloatArray | Iterable[float]") -> list[float]:
+    """Numbers as JSON has them."""
     # + 0.0 turns -0.0 into 0.0 and changes nothing else
     return [float(value) + 0.0 for value in values]
 
 
 def _rows(matrix: "FloatArray | Iterable[Iterable[float]]") -> list[list[float]]:
-    return [_numbers(row) for row in matrix]
+    return [numbers(row) for row in matrix]
 
 
 def _plane(plane: "Plane") -> schemas.Plane:
     return schemas.Plane(
-        normal=_numbers(plane.normal),
+        normal=numbers(plane.normal),
         offset=float(plane.offset) + 0.0,
-        point=_numbers(plane.point),
+        point=numbers(plane.point),
         matrix=_rows(plane.matrix),
         symmetry_error=float(plane.symmetry_error),
         rms_distance=float(plane.rms_distance),
@@ -238,8 +239,8 @@ def _plane(plane: "Plane") -> schemas.Plane:
 
 def _axis(axis: "Axis") -> schemas.Axis:
     return schemas.Axis(
-        direction=_numbers(axis.direction),
-        point=_numbers(axis.point),
+        direction=numbers(axis.direction),
+        point=numbers(axis.point),
         order=axis.order,
         continuous=bool(axis.continuous),
         matrix=None if axis.matrix is None else _rows(axis.matrix),
@@ -265,7 +266,7 @@ def _level(level: "Level") -> schemas.Level:
         confidence=level.confidence,
         breaks=[
             schemas.Patch(
-                center=_numbers(patch.center), size=patch.size, max_distance=patch.max_distance, present=patch.present
+                center=numbers(patch.center), size=patch.size, max_distance=patch.max_distance, present=patch.present
             )
             for patch in level.breaks
         ],
@@ -284,7 +285,7 @@ def _rejected(candidate: "Rejected") -> schemas.RejectedPlane | schemas.Rejected
 
 def _members(candidate: "Rejected") -> dict[str, Any]:
     return {
-        name: _numbers(value) if name in {"normal", "direction", "point"} else value
+        name: numbers(value) if name in {"normal", "direction", "point"} else value
         for name in ("kind", "normal", "offset", "direction", "point", "symmetry_error", "reason")
         if (value := getattr(candidate, name)) is not None
     }

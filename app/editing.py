@@ -1,22 +1,26 @@
-"""Half a mesh, and a copy of it laid along the axes: what runs on a worker, and what the command line runs too."""
+"""Half a mesh, a sector of it, a copy of it laid along the axes: on a worker, and for the command line too."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from app import schemas
-from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
-from model.completion import mirroring
+from app import edit_schemas
+from app.detection import MeshLimits, SymmetryDetector, mesh_info, numbers, read_within, timings
 from model.completion.alignment import alignment
-from model.detection import Detection
-from model.errors import NoPlaneError
+from model.completion.halving import halve
+from model.completion.sector import cut_sector
+from model.detection import Axis, Detection
+from model.errors import NoAxisError, NoPlaneError
 from model.formats.reading import Resources, no_resources
 from model.meshes.clipping import remove_unreferenced_vertices
 from model.meshes.colors import with_looks_of
 from model.meshes.mesh import Mesh
-from model.types import FloatArray
+from model.types import FloatArray, IntArray
+
+_LEFT_OPEN = "The cut is left open: its outline is not closed or crosses itself, so that nobody knows what is inside."
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +30,21 @@ class HalveOptions:
     plane: list[float] | None = None
     positive: bool = True
     max_error: float = 4e-4
+    capped: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SectorOptions:
+    """Which axis (unit direction and point; None: the best within a limit), how many sectors, where the first cut goes.
+
+    An axis that is given needs an order too.
+    """
+
+    line: list[float] | None = None
+    order: int | None = None
+    start: list[float] | None = None
+    max_error: float = 4e-4
+    capped: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +54,23 @@ class AlignOptions:
     max_error: float = 4e-4
 
 
+EditOptions: TypeAlias = HalveOptions | SectorOptions | AlignOptions
+
+
 def edit_file(
     detector: SymmetryDetector,
     data: bytes,
     filename: str,
-    options: HalveOptions | AlignOptions,
+    options: EditOptions,
     limits: MeshLimits,
     on_parsed: Callable[[], None] = lambda: None,
     resources: Resources = no_resources,
-) -> "tuple[schemas.HalvedMesh | schemas.AlignedMesh, Mesh]":
+) -> "tuple[edit_schemas.HalvedMesh | edit_schemas.SectorMesh | edit_schemas.AlignedMesh, Mesh]":
     """What was done with the mesh of a file, and the mesh that came of it.
 
     Raises:
         NoPlaneError: no plane was given and the mesh has none within the limit, or nothing to be laid by.
+        NoAxisError: no axis was given and the mesh has none of that order within the limit.
         model.errors.MeshError: the file cannot be read or the mesh cannot be used.
     """
     started = time.perf_counter()
@@ -56,12 +79,14 @@ def edit_file(
     on_parsed()
     if isinstance(options, HalveOptions):
         return halve_mesh(detector, mesh, filename, options, started, parsed)
+    if isinstance(options, SectorOptions):
+        return sector_mesh(detector, mesh, filename, options, started, parsed)
     return align_mesh(detector, mesh, filename, options, started, parsed)
 
 
 def halve_mesh(
     detector: SymmetryDetector, mesh: Mesh, filename: str, options: HalveOptions, started: float, parsed: float
-) -> "tuple[schemas.HalvedMesh, Mesh]":
+) -> "tuple[edit_schemas.HalvedMesh, Mesh]":
     """What `edit_file` does, for a mesh that was read between two readings of ``time.perf_counter``.
 
     Raises:
@@ -73,15 +98,17 @@ def halve_mesh(
         plane, steps = best_plane(detection, options.max_error), detection.timings_ms
     else:
         plane = np.array(options.plane)
-    result = half_of(mesh, plane, positive=options.positive)
-    answer = schemas.HalvedMesh(
-        half=schemas.Half(
-            normal=[float(value) + 0.0 for value in plane[:3]],
+    result, capped = half_of(mesh, plane, positive=options.positive, capped=options.capped)
+    answer = edit_schemas.HalvedMesh(
+        half=edit_schemas.Half(
+            normal=numbers(plane[:3]),
             offset=float(plane[3]) + 0.0,
             detected=options.plane is None,
             side="positive" if options.positive else "negative",
+            capped=capped,
+            points=_datum_points(mesh, plane),
             faces=len(result.faces),
-            warnings=list(mesh.warnings),
+            warnings=_warnings(mesh, options.capped and not capped),
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
@@ -89,9 +116,86 @@ def halve_mesh(
     return answer, result
 
 
+def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True, capped: bool = False) -> tuple[Mesh, bool]:
+    """One side of a plane ``(4,)`` with its colours and pictures, and whether the cut is closed.
+
+    Raises:
+        model.errors.DegenerateMeshError: nothing of the mesh is on that side.
+    """
+    half = halve(mesh, plane, positive=positive, capped=capped)
+    return _dressed(mesh, half.vertices, half.faces), half.capped
+
+
+def sector_mesh(
+    detector: SymmetryDetector, mesh: Mesh, filename: str, options: SectorOptions, started: float, parsed: float
+) -> "tuple[edit_schemas.SectorMesh, Mesh]":
+    """What `edit_file` does, for a mesh that was read between two readings of ``time.perf_counter``.
+
+    Raises:
+        NoAxisError, model.errors.MeshError: as there.
+    """
+    steps: dict[str, float] = {}
+    mirrors: list[FloatArray] = []
+    deviation = 0.0
+    if options.line is None:
+        detection = detector.detect(mesh, mode="full", max_error=options.max_error)
+        steps = detection.timings_ms
+        axis, order = best_axis(detection, options.order, options.max_error)
+        direction, point, deviation = axis.direction, axis.point, float(axis.max_distance)
+        mirrors = [plane.normal for plane in detection.planes if abs(float(plane.normal @ direction)) < 1e-6]
+    else:
+        direction, point = np.array(options.line[:3]), np.array(options.line[3:])
+        order = options.order or 2
+    start = None if options.start is None else np.array(options.start)
+    sector = cut_sector(
+        mesh, direction, point, order, start=start, mirrors=mirrors, capped=options.capped, deviation=deviation
+    )
+    result = _dressed(mesh, sector.vertices, sector.faces)
+    dependent, independent = (
+        edit_schemas.CutPlane(normal=numbers(plane[:3]), offset=float(plane[3]) + 0.0) for plane in sector.planes
+    )
+    answer = edit_schemas.SectorMesh(
+        sector=edit_schemas.Sector(
+            order=order,
+            angle=360.0 / order,
+            direction=numbers(direction),
+            ends=[numbers(end) for end in sector.ends],
+            dependent=dependent,
+            independent=independent,
+            detected=options.line is None,
+            max_distance=deviation if options.line is None else None,
+            capped=sector.capped,
+            faces=len(result.faces),
+            warnings=_warnings(mesh, options.capped and not sector.capped),
+        ),
+        mesh=mesh_info(result, filename),
+        timings_ms=timings(steps, started, parsed),
+    )
+    return answer, result
+
+
+def _warnings(mesh: Mesh, left_open: bool) -> list[str]:
+    return [*mesh.warnings, *([_LEFT_OPEN] if left_open else [])]
+
+
+def _datum_points(mesh: Mesh, plane: FloatArray) -> list[list[float]]:
+    """Three points of a plane, beside each other in the middle of the mesh, as far apart as it is large."""
+    normal, (low, high) = plane[:3], mesh.bounds
+    middle = (low + high) / 2.0
+    foot = middle - (normal @ middle + plane[3]) * normal
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across *= float(np.linalg.norm(high - low)) / 2.0 / float(np.linalg.norm(across))
+    return [numbers(point) for point in (foot, foot + across, foot + np.cross(normal, across))]
+
+
+def _dressed(mesh: Mesh, vertices: FloatArray, faces: IntArray) -> Mesh:
+    """A part of a mesh, with its colours and pictures."""
+    return with_looks_of(mesh, vertices, faces, np.zeros(len(faces), dtype=np.bool_), np.zeros(4))
+
+
 def align_mesh(
     detector: SymmetryDetector, mesh: Mesh, filename: str, options: AlignOptions, started: float, parsed: float
-) -> "tuple[schemas.AlignedMesh, Mesh]":
+) -> "tuple[edit_schemas.AlignedMesh, Mesh]":
     """What `edit_file` does, for a mesh that was read between two readings of ``time.perf_counter``.
 
     Raises:
@@ -108,9 +212,9 @@ def align_mesh(
         colors=None if mesh.colors is None else mesh.colors[used],
         texture=None if mesh.texture is None else mesh.texture.part(vertices=used),
     )
-    answer = schemas.AlignedMesh(
-        alignment=schemas.Alignment(
-            matrix=[[float(value) + 0.0 for value in row] for row in matrix],
+    answer = edit_schemas.AlignedMesh(
+        alignment=edit_schemas.Alignment(
+            matrix=[numbers(row) for row in matrix],
             point_group=detection.point_group,
             warnings=list(mesh.warnings),
         ),
@@ -118,16 +222,6 @@ def align_mesh(
         timings_ms=timings(detection.timings_ms, started, parsed),
     )
     return answer, result
-
-
-def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> Mesh:
-    """One side of a plane ``(4,)``, cut exactly there and open, with its colours.
-
-    Raises:
-        model.errors.DegenerateMeshError: nothing of the mesh is on that side.
-    """
-    vertices, faces = mirroring.halve(mesh, plane, positive=positive)
-    return with_looks_of(mesh, vertices, faces, np.zeros(len(faces), dtype=np.bool_), plane)
 
 
 def best_plane(detection: Detection, max_error: float) -> FloatArray:
@@ -144,3 +238,34 @@ def best_plane(detection: Detection, max_error: float) -> FloatArray:
     raise NoPlaneError(
         f"No mirror plane has an error of at most {max_error:g}{nearest}. Give a larger max_error, or a plane."
     )
+
+
+def best_axis(detection: Detection, order: int | None, max_error: float) -> tuple[Axis, int]:
+    """The axis of an answer to cut sectors about, the one of the highest order that will do, and how many there are.
+
+    Raises:
+        NoAxisError: there is none; it says which orders there are.
+    """
+    finite = [axis for axis in detection.axes if axis.order is not None]
+    continuous = [axis for axis in detection.axes if axis.order is None]
+    if order is None:
+        if finite and not continuous:
+            best = max(finite, key=lambda axis: axis.order or 0)
+            return best, best.order or 2
+        if continuous:
+            raise NoAxisError(
+                "Every angle about the axis is a symmetry, so that there is no order to cut by. Give an order (12 "
+                "makes sectors of 30 degrees), or model the shape as axisymmetric."
+            )
+        raise NoAxisError(
+            f"No rotation axis has an error of at most {max_error:g}. "
+            "Give a larger max_error, or axis, point and order."
+        )
+    fitting = continuous or [axis for axis in finite if (axis.order or 0) % order == 0]
+    if not fitting:
+        orders = ", ".join(str(value) for value in sorted({axis.order for axis in finite if axis.order}, reverse=True))
+        there = f"the axes have the orders {orders}" if orders else f"there is none within {max_error:g}"
+        raise NoAxisError(
+            f"No rotation axis has an order that {order} divides: {there}. Give another order, or an axis and a point."
+        )
+    return max(fitting, key=lambda axis: axis.order or 0), order

@@ -7,23 +7,26 @@
 import functools
 import os
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
-from app.editing import AlignOptions, align_mesh, half_of
+from app.edit_schemas import Completion, Sector
+from app.editing import AlignOptions, SectorOptions, align_mesh, sector_mesh
+from app.outputs.fem import sector_with_lines
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.registry import MESH_WRITERS
 from app.planes import PlaneLike, plane_numbers
-from app.queries import AlignQuery, CompleteQuery, DetectQuery
+from app.queries import AlignQuery, CompleteQuery, DetectQuery, SectorQuery
 from app.refusals import require
-from app.schemas import Completion, DetectResponse, Include, LevelName, Mode
+from app.schemas import DetectResponse, Include, LevelName, Mode
+from model.completion import halving
 from model.formats.conversion import MeshLike, as_mesh
 from model.meshes.mesh import Mesh
 from model.meshes.texture import Texture
@@ -35,16 +38,15 @@ if TYPE_CHECKING:
     from app.detection import SymmetryDetector
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CompletedGeometry:
-    """A completed mesh: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, what was done, and the looks if there are any.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Geometry:
+    """A mesh made of another: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and its looks if there are any.
 
     ``colors`` are ``(v, 4)`` uint8 sRGB, ``texture`` pictures.
     """
 
     vertices: FloatArray
     faces: IntArray
-    completion: Completion
     colors: ByteArray | None = None
     texture: Texture | None = None
 
@@ -60,6 +62,27 @@ class CompletedGeometry:
             OSError: the file cannot be written.
         """
         Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors, self.texture))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CompletedGeometry(Geometry):
+    """A completed mesh, and what was done."""
+
+    completion: Completion
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SectorGeometry(Geometry):
+    """A sector of a mesh, and what it is one of, with the lines for CalculiX and FreeCAD."""
+
+    sector: Sector
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class AlignedGeometry(Geometry):
+    """A mesh laid along the axes, and how it was moved ``(4, 4)``."""
+
+    matrix: FloatArray
 
 
 def detect(
@@ -127,27 +150,7 @@ def complete(
     answer, result = complete_mesh(
         detector, triangles, _name(mesh), options, started, time.perf_counter()
     )  # fmt: skip
-    return CompletedGeometry(result.vertices, result.faces, answer.completion, result.colors, result.texture)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AlignedGeometry:
-    """A mesh laid along the axes: ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and how it was moved ``(4, 4)``."""
-
-    vertices: FloatArray
-    faces: IntArray
-    matrix: FloatArray
-    colors: ByteArray | None = None
-    texture: Texture | None = None
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file; its name's extension says the format: .ply, .glb, .obj or .stl.
-
-        Raises:
-            ValueError: the extension is another one.
-            OSError: the file cannot be written.
-        """
-        Path(path).write_bytes(writer_for(path).file(self.vertices, self.faces, self.colors, self.texture))
+    return CompletedGeometry(completion=answer.completion, **_arrays(result))
 
 
 def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") -> AlignedGeometry:
@@ -163,19 +166,62 @@ def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") 
     done, result = align_mesh(
         detector, triangles, _name(mesh), AlignOptions(max_error), started, time.perf_counter()
     )  # fmt: skip
-    return AlignedGeometry(
-        result.vertices, result.faces, np.array(done.alignment.matrix), result.colors, result.texture
-    )
+    return AlignedGeometry(matrix=np.array(done.alignment.matrix), **_arrays(result))
 
 
-def halve(mesh: MeshLike, plane: PlaneLike, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
-    """One half of a mesh, cut exactly at a plane and open there: vertices ``(v, 3)`` and faces ``(f, 3)``.
+def halve(
+    mesh: MeshLike, plane: PlaneLike, *, positive: bool = True, capped: bool = False
+) -> tuple[FloatArray, IntArray]:
+    """One half of a mesh, cut exactly at a plane: vertices ``(v, 3)`` and faces ``(f, 3)``.
+
+    It is open there, or with ``capped`` closed, where the outline of the cut is closed.
 
     Raises:
         model.MeshError: the mesh cannot be used, or nothing of it is on that side.
     """
-    half = half_of(as_mesh(mesh), plane_numbers(plane), positive=positive)
+    half = halving.halve(as_mesh(mesh), plane_numbers(plane), positive=positive, capped=capped)
     return half.vertices, half.faces
+
+
+def sector(
+    mesh: MeshLike,
+    *,
+    order: int | None = None,
+    axis: Sequence[float] | None = None,
+    point: Sequence[float] = (0.0, 0.0, 0.0),
+    start: Sequence[float] | None = None,
+    capped: bool = True,
+    max_error: float = 4e-4,
+    weights: str = "default",
+) -> SectorGeometry:
+    """One of n equal sectors of a mesh, as ``POST /sector`` cuts it; see `model.completion.sector`.
+
+    Args:
+        mesh: as for `detect`.
+        order: how many sectors make up the whole; without it, the order of the axis.
+        axis: direction of the axis; without one, the detected axis of the highest order. Needs an order.
+        point: a point on that axis.
+        start: which way from the axis the first cut goes; without it, where the cuts are short.
+        capped: whether the cuts are closed.
+        max_error: largest symmetry error of an axis that is detected.
+        weights: as for `detect`.
+
+    Raises:
+        model.errors.NoAxisError: no axis was given, and none detected that will do.
+        model.MeshError, model.CheckpointError, OSError, ValueError: as for `detect`.
+    """
+    given = {"axis": axis, "point": None if axis is None else point, "start": start}
+    texts = {name: None if value is None else ",".join(map(repr, map(float, value))) for name, value in given.items()}
+    query = require(SectorQuery, order=order, capped=capped, max_error=max_error, **texts)
+    started = time.perf_counter()
+    triangles, detector = as_mesh(mesh, looks=True), detector_of(weights)
+    options = SectorOptions(query.line, order, query.way, max_error, capped)
+    done, result = sector_mesh(detector, triangles, _name(mesh), options, started, time.perf_counter())
+    return SectorGeometry(sector=sector_with_lines(done.sector), **_arrays(result))
+
+
+def _arrays(mesh: Mesh) -> dict[str, Any]:
+    return {"vertices": mesh.vertices, "faces": mesh.faces, "colors": mesh.colors, "texture": mesh.texture}
 
 
 def writer_for(path: str | os.PathLike[str]) -> MeshWriter:

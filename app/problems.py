@@ -22,6 +22,7 @@ from model.errors import (
     EmptyMeshError,
     MeshError,
     MeshTooLargeError,
+    NoAxisError,
     NoPlaneError,
     TooComplexError,
     UnreadableMeshError,
@@ -98,6 +99,10 @@ NO_PLANE = ProblemType(
     "no-plane", 422, "No mirror plane",
     "No mirror plane has an error of at most 0.0004; the best has 0.0021. Give a larger max_error, or a plane.",
 )  # fmt: skip
+NO_AXIS = ProblemType(
+    "no-axis", 422, "No rotation axis",
+    "No rotation axis has an error of at most 0.0004. Give a larger max_error, or axis, point and order.",
+)  # fmt: skip
 INTERNAL = ProblemType(
     "internal-error", 500, "Internal error",
     "This is a defect of the service. Report it with the request id.",
@@ -126,6 +131,7 @@ _MESH_PROBLEMS: dict[type[MeshError], ProblemType] = {
     MeshTooLargeError: MESH_TOO_LARGE,
     TooComplexError: TOO_COMPLEX,
     NoPlaneError: NO_PLANE,
+    NoAxisError: NO_AXIS,
 }
 
 

@@ -99,8 +99,7 @@ class PlaneQuery(MeshQuery):
         if self.normal is None:
             return None
         vector = _direction(self.normal)
-        length = math.hypot(*vector)
-        return [*(x / length for x in vector), (self.offset or 0.0) / length]
+        return [*_unit(vector), (self.offset or 0.0) / math.hypot(*vector)]
 
 
 class CompleteQuery(PlaneQuery):
@@ -113,23 +112,105 @@ class HalveQuery(PlaneQuery):
     """Options of ``POST /halve``."""
 
     other: bool = Field(default=False, description="Keep the side that the normal points away from.")
+    capped: bool = Field(default=False, description="Close the cut, so that half a solid is a solid.")
+
+
+class SectorQuery(MeshQuery):
+    """Options of ``POST /sector``."""
+
+    order: int | None = Field(
+        default=None,
+        ge=2,
+        le=1000,
+        description="How many sectors make up the whole. Default: the order of the axis; else a divisor of it.",
+    )
+    axis: str | None = Field(
+        default=None,
+        max_length=200,
+        description="Direction of the axis, as x,y,z of any length, with `point` and `order`. "
+        "Default: the detected axis of the highest order.",
+        examples=["0,0,1"],
+    )
+    point: str | None = Field(default=None, max_length=200, description="A point on that axis, as x,y,z (0,0,0).")
+    start: str | None = Field(
+        default=None,
+        max_length=200,
+        description="Which way from the axis the first cut goes, as x,y,z. Default: where the cuts are short.",
+    )
+    capped: bool = Field(default=True, description="Close both cuts, so that the sector of a solid is a solid.")
+
+    @field_validator("axis", "start")
+    @classmethod
+    def _directions(cls, value: str | None) -> str | None:
+        if value is not None:
+            _direction(value)
+        return value
+
+    @field_validator("axis")
+    @classmethod
+    def _with_order(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is not None and info.data.get("order", 0) is None:
+            raise PydanticCustomError("alone", "needs order as well")
+        return value
+
+    @field_validator("point")
+    @classmethod
+    def _with_axis(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is not None:
+            _numbers(value)
+            if info.data.get("axis", "") is None:
+                raise PydanticCustomError("alone", "needs axis as well")
+        return value
+
+    @field_validator("start")
+    @classmethod
+    def _beside_axis(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is not None and info.data.get("axis") is not None:
+            start, axis = _unit(_direction(value)), _unit(_direction(info.data["axis"]))
+            if abs(sum(a * b for a, b in zip(start, axis, strict=True))) > 1.0 - 1e-9:
+                raise PydanticCustomError("along", "lies along the axis")
+        return value
+
+    @property
+    def line(self) -> list[float] | None:
+        """Unit direction of the axis and a point on it, or None where it is to be detected."""
+        if self.axis is None:
+            return None
+        return [*_unit(_direction(self.axis)), *_numbers(self.point or "0,0,0")]
+
+    @property
+    def way(self) -> list[float] | None:
+        """Which way the first cut goes, or None."""
+        return None if self.start is None else _unit(_direction(self.start))
 
 
 QUERIES: dict[str, type[Schema]] = {
     "/detect": DetectQuery,
     "/complete": CompleteQuery,
     "/halve": HalveQuery,
+    "/sector": SectorQuery,
     "/align": AlignQuery,
 }
 """What each path of the service takes."""
 
 
 def _direction(text: str) -> list[float]:
-    parts = text.split(",")
-    try:
-        vector = [float(part) for part in parts]
-    except ValueError:
-        raise PydanticCustomError("direction", "should be three numbers, as in 1,0,0") from None
-    if len(vector) != 3 or not 1e-60 < math.hypot(*vector) < 1e60:
+    vector = _numbers(text)
+    if not math.hypot(*vector) > 1e-60:
         raise PydanticCustomError("direction", "should be three numbers that are not all zero, as in 1,0,0")
     return vector
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        vector = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise PydanticCustomError("direction", "should be three numbers, as in 1,0,0") from None
+    if len(vector) != 3 or not math.hypot(*vector) < 1e60:
+        raise PydanticCustomError("direction", "should be three numbers, as in 1,0,0")
+    return vector
+
+
+def _unit(vector: list[float]) -> list[float]:
+    length = math.hypot(*vector)
+    return [value / length for value in vector]

@@ -3,21 +3,24 @@
 import difflib
 import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 _QUOTED = re.compile(r"'([^']*)'")
 
 
-def require(query: type[BaseModel], **given: Any) -> None:
-    """Refuse options that the service would refuse.
+Q = TypeVar("Q", bound=BaseModel)
+
+
+def require(query: type[Q], **given: Any) -> Q:
+    """Options as the service understands them.
 
     Raises:
-        ValueError: names each and says why, with the likely word where there is one.
+        ValueError: the service would refuse them; names each and says why, with the likely word where there is one.
     """
     try:
-        query.model_validate(given)
+        return query.model_validate(given)
     except ValidationError as error:
         faults = [f"{'.'.join(map(str, item['loc']))}: {reason(item, query.model_fields)}" for item in error.errors()]
         raise ValueError("; ".join(faults) + ".") from None

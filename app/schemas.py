@@ -19,9 +19,6 @@ FlatMatrix: TypeAlias = Annotated[list[float], Field(min_length=16, max_length=1
 KEY_HEADER = "X-API-Key"
 """The header a key is sent in."""
 
-COMPLETION, HALF, ALIGNMENT = "PRSNet-Completion", "PRSNet-Half", "PRSNet-Alignment"
-"""The headers that say what `/complete`, `/halve` and `/align` did."""
-
 
 class Schema(BaseModel):
     """Base of all schemas: immutable, no unknown members, no NaN, no infinity."""
@@ -238,76 +235,6 @@ def to_json(response: DetectResponse, include: Collection[Include]) -> bytes:
     """The response as UTF-8 JSON, without the members that were not asked for; numbers keep all digits."""
     left_out = {"rejected", "bop"} - set(include)
     return response.model_dump_json(exclude=left_out, by_alias=True).encode()
-
-
-class MirrorPlane(Schema):
-    """The plane a mesh was completed at: the points x with normal·x + offset = 0, input coordinates."""
-
-    normal: Vector
-    offset: float
-    detected: bool = Field(description="Found here, not given with the request.")
-    symmetry_error: float = Field(ge=0, description="Of the mesh as it came: the mean squared distance, unit frame.")
-
-
-class Completion(Schema):
-    """What `/complete` did, in the header `PRSNet-Completion`. Lengths in input units."""
-
-    plane: MirrorPlane
-    vertices_kept: int = Field(ge=0)
-    faces_kept: int = Field(ge=0)
-    vertices_added: int = Field(ge=0)
-    faces_added: int = Field(ge=0)
-    area_added: float = Field(ge=0, description="Surface added, as a share of the surface that was there.")
-    tolerance: float = Field(ge=0, description="What lies nearer to its mirror image than this is not missing.")
-    seam_distance: float = Field(
-        ge=0, description="Farthest that the rim of an added part was moved to close the seam."
-    )
-    symmetrized: bool
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
-
-
-class CompletedMesh(Schema):
-    """What a worker answers beside the mesh itself; a client gets the part ``completion``."""
-
-    completion: Completion
-    mesh: MeshInfo
-    timings_ms: Timings
-    complete_ms: float = Field(ge=0)
-
-
-class Half(Schema):
-    """What `/halve` did, in the header `PRSNet-Half`: the plane is normal·x + offset = 0, input coordinates."""
-
-    normal: Vector
-    offset: float
-    detected: bool = Field(description="Found here, not given with the request.")
-    side: Literal["positive", "negative"] = Field(description="The side that was kept: that of the normal, or not.")
-    faces: int = Field(ge=0)
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
-
-
-class HalvedMesh(Schema):
-    """What a worker answers beside half a mesh; a client gets the part ``half``."""
-
-    half: Half
-    mesh: MeshInfo
-    timings_ms: Timings
-
-
-class Alignment(Schema):
-    """What `/align` did, in the header `PRSNet-Alignment`."""
-
-    matrix: Matrix = Field(description="Rotation and shift, rows of a 4x4 matrix for column vectors.")
-    point_group: str = Field(description="Of the mesh, as `/detect` names it.")
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
-
-
-class AlignedMesh(Schema):
-    """What a worker answers beside a mesh laid along the axes; a client gets the part ``alignment``."""
-
-    alignment: Alignment
-    mesh: MeshInfo
-    timings_ms: Timings
 
 
 class Health(Schema):

@@ -8,7 +8,8 @@ PRSNetError
 │   ├── DegenerateMeshError      NaN or infinity, an index out of range, no extent, no area
 │   ├── MeshTooLargeError        more vertices or faces than the caller allows
 │   ├── TooComplexError          its faces crowd so much that measuring it would take too long
-│   └── NoPlaneError             it has no mirror plane to be completed at
+│   ├── NoPlaneError             it has no mirror plane to be completed at
+│   └── NoAxisError              it has no rotation axis to be cut into sectors about
 └── CheckpointError              the weights file is missing, damaged, or does not fit the network
 
 Messages are sentences a user can act on; they never quote file content.
@@ -49,6 +50,10 @@ class TooComplexError(MeshError):
 
 class NoPlaneError(MeshError):
     """The mesh has no mirror plane within the threshold, and one is needed."""
+
+
+class NoAxisError(MeshError):
+    """The mesh has no rotation axis of the order that is asked for within the threshold, and one is needed."""
 
 
 class CheckpointError(PRSNetError):

@@ -1,4 +1,4 @@
-"""The command line: ``prsnet detect``, ``complete``, ``halve``, ``align``, ``twins``, ``serve``, ``warmup``.
+"""The command line: what ``prsnet`` does.
 
 Exit codes: 0 all went well; 1 some files failed, or the server could not start; 2 wrong usage; 3 no file had an answer;
 4 the service of ``--url`` is not there; 130 interrupted.
@@ -196,6 +196,7 @@ def detect(
 
 app.command()(editing.complete)
 app.command()(editing.halve)
+app.command()(editing.sector)
 app.command()(editing.align)
 app.command()(twins)
 

@@ -1,4 +1,4 @@
-"""``prsnet complete``, ``halve`` and ``align``: meshes made from a mesh and its symmetries."""
+"""``prsnet complete``, ``halve``, ``sector`` and ``align``: meshes made from a mesh and its symmetries."""
 
 import time
 from collections.abc import Generator, Iterable
@@ -12,6 +12,7 @@ from app.cli.inputs import require_free, standard_input
 from app.cli.options import (
     ApiKey,
     Exit,
+    Fem,
     MaxError,
     MeshFile,
     Offset,
@@ -67,16 +68,19 @@ def halve(
     normal: Annotated[str | None, typer.Option(help="Plane to cut at, as x,y,z (default: the best found).")] = None,
     offset: Offset = 0.0,
     other: Annotated[bool, typer.Option("--other", help="Keep the side the normal points away from.")] = False,
+    capped: Annotated[bool, typer.Option("--capped", help="Close the cut, so that half a solid is a solid.")] = False,
+    fem: Fem = False,
     overwrite: Overwrite = False,
     max_error: MaxError = 4e-4,
     weights: Weights = "default",
     url: Url = None,
     api_key: ApiKey = None,
 ) -> None:
-    """Keep one half of a symmetric mesh, cut exactly at the plane and open there."""
+    """Keep one half of a symmetric mesh, cut exactly at the plane, open there or capped."""
     from app import local
     from app.client.client import Client
     from app.editing import HalveOptions, halve_mesh
+    from app.outputs.fem import half_with_lines
     from model.formats.conversion import as_mesh
 
     require_max_error(max_error)
@@ -85,22 +89,82 @@ def halve(
         if url is None:
             started = time.perf_counter()
             detector, mesh = load(weights), as_mesh(source, looks=True)
-            options = HalveOptions(plane, not other, max_error)
+            options = HalveOptions(plane, not other, max_error, capped)
             answer, half = halve_mesh(detector, mesh, file.name, options, started, time.perf_counter())
-            done = answer.half
+            done = half_with_lines(answer.half)
             output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors, half.texture))
         else:
             with Client(url, api_key=api_key) as client:
                 received = client.halve(
-                    source, format=local.mesh_format(output), plane=plane, positive=not other, max_error=max_error
+                    source,
+                    format=local.mesh_format(output),
+                    plane=plane,
+                    positive=not other,
+                    capped=capped,
+                    max_error=max_error,
                 )
             done = received.half
             received.save(output)
     _warn(file, done.warnings)
     typer.echo(
         f"{output}: {done.faces} faces, the {done.side} side of the plane "
-        f"({', '.join(f'{value:.6g}' for value in done.normal)}), offset {done.offset:.6g}"
+        f"({', '.join(f'{value:.6g}' for value in done.normal)}), offset {done.offset:.6g}{_capped(done.capped)}"
     )
+    if fem:
+        _print_lines(done.calculix, done.freecad)
+
+
+def sector(
+    file: MeshFile,
+    output: OutputFile,
+    order: Annotated[
+        int | None, typer.Option(help="How many sectors make up the whole (default: the order of the axis).")
+    ] = None,
+    axis: Annotated[
+        str | None, typer.Option(help="Direction of the axis, as x,y,z, with --order (default: the one found).")
+    ] = None,
+    point: Annotated[str | None, typer.Option(help="With --axis: a point on it, as x,y,z (0,0,0).")] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Way from the axis of the first cut, as x,y,z (default: where cuts are short).")
+    ] = None,
+    leave_open: Annotated[bool, typer.Option("--open", help="Leave the cuts open instead of closing them.")] = False,
+    fem: Fem = False,
+    overwrite: Overwrite = False,
+    max_error: MaxError = 4e-4,
+    weights: Weights = "default",
+    url: Url = None,
+    api_key: ApiKey = None,
+) -> None:
+    """Keep one of n equal sectors of a mesh with a rotation axis, cut exactly at two planes through it."""
+    from app import local
+    from app.client.client import Client
+    from app.queries import SectorQuery
+    from app.refusals import require
+
+    try:
+        query = require(SectorQuery, order=order, axis=axis, point=point, start=start, max_error=max_error)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    options: dict[str, Any] = {"order": order, "start": query.way, "capped": not leave_open, "max_error": max_error}
+    if query.line is not None:
+        options |= {"axis": query.line[:3], "point": query.line[3:]}
+    with _output(file, output, overwrite) as source:
+        if url is None:
+            load(weights)
+            made = local.sector(source, weights=weights, **options)
+        else:
+            with Client(url, api_key=api_key) as client:
+                made = client.sector(source, format=local.mesh_format(output), **options)
+        made.save(output)
+    done = made.sector
+    _warn(file, done.warnings)
+    ends = " to ".join(f"({', '.join(f'{value:.6g}' for value in end)})" for end in done.ends)
+    typer.echo(
+        f"{output}: {done.faces} faces, one of {done.order} sectors of {done.angle:.6g} degrees "
+        f"about the axis {ends}{_capped(done.capped)}"
+    )
+    if fem:
+        _print_lines(done.calculix, done.freecad)
 
 
 def align(
@@ -136,6 +200,14 @@ def align(
     _warn(file, done.warnings)
     rows = "; ".join(" ".join(f"{value:.9g}" for value in row) for row in done.matrix)
     typer.echo(f"{output}: point group {done.point_group}, moved by {rows}")
+
+
+def _capped(capped: bool) -> str:
+    return ", capped" if capped else ", open where it was cut"
+
+
+def _print_lines(calculix: str, freecad: str) -> None:
+    typer.echo(f"\n** CalculiX\n{calculix}\n# FreeCAD\n{freecad}", nl=False)
 
 
 def _warn(file: Path, warnings: Iterable[str]) -> None:

@@ -26,6 +26,7 @@ ApiKey = Annotated[str | None, typer.Option(envvar="PRSNET_API_KEY", help="Key f
 MeshFile = Annotated[Path, typer.Argument(help="Mesh file; - for standard input.")]
 OutputFile = Annotated[Path, typer.Option("--output", "-o", help="File to write: .ply, .glb, .obj or .stl.")]
 Offset = Annotated[float, typer.Option(help="With --normal: the plane is normal·x + offset = 0.")]
+Fem = Annotated[bool, typer.Option("--fem", help="Print the lines for CalculiX and FreeCAD.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there already.")]
 MaxError = Annotated[float, typer.Option(help="Largest symmetry error, unit frame (at most 1).")]
 

@@ -4,7 +4,7 @@ import email.utils
 import os
 import random
 import time
-from collections.abc import Collection, Generator, Mapping
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,21 +15,9 @@ from pydantic import ValidationError
 
 from app.client.companions import companions
 from app.client.errors import UnexpectedAnswerError, UnreachableError, for_problem
+from app.edit_schemas import ALIGNMENT, COMPLETION, HALF, SECTOR, Alignment, Completion, Half, Sector
 from app.planes import PlaneLike, plane_numbers
-from app.schemas import (
-    ALIGNMENT,
-    COMPLETION,
-    HALF,
-    KEY_HEADER,
-    Alignment,
-    Completion,
-    Half,
-    Include,
-    LevelName,
-    Mode,
-    Problem,
-    Schema,
-)
+from app.schemas import KEY_HEADER, Include, LevelName, Mode, Problem, Schema
 
 if TYPE_CHECKING:
     from model.formats.conversion import MeshLike
@@ -73,6 +61,13 @@ class HalfFile(MeshFile):
     """Half a mesh, and what was done."""
 
     half: Half
+
+
+@dataclass(frozen=True, slots=True)
+class SectorFile(MeshFile):
+    """A sector of a mesh, and what was done, with the lines for CalculiX and FreeCAD."""
+
+    sector: Sector
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,10 +141,32 @@ def complete_call(mesh: Source, format: str, plane: PlaneLike | None, symmetrize
     return Call("POST", "/complete", query | _plane_query(plane), mesh, looks=True)
 
 
-def halve_call(mesh: Source, format: str, plane: PlaneLike | None, positive: bool, max_error: float) -> Call:
+def halve_call(
+    mesh: Source, format: str, plane: PlaneLike | None, positive: bool, capped: bool, max_error: float
+) -> Call:
     """``POST /halve``."""
-    query: dict[str, Any] = {"format": format, "other": not positive, "max_error": max_error}
+    query: dict[str, Any] = {"format": format, "other": not positive, "capped": capped, "max_error": max_error}
     return Call("POST", "/halve", query | _plane_query(plane), mesh, looks=True)
+
+
+def sector_call(
+    mesh: Source,
+    format: str,
+    order: int | None,
+    axis: Sequence[float] | None,
+    point: Sequence[float] | None,
+    start: Sequence[float] | None,
+    capped: bool,
+    max_error: float,
+) -> Call:
+    """``POST /sector``."""
+    query: dict[str, Any] = {"format": format, "capped": capped, "max_error": max_error}
+    if order is not None:
+        query["order"] = order
+    for name, vector in (("axis", axis), ("point", point), ("start", start)):
+        if vector is not None:
+            query[name] = ",".join(repr(float(value)) for value in vector)
+    return Call("POST", "/sector", query, mesh, looks=True)
 
 
 def align_call(mesh: Source, format: str, max_error: float) -> Call:
@@ -193,6 +210,15 @@ def halved(response: httpx.Response, format: str) -> HalfFile:
         UnexpectedAnswerError: it does not say what was done.
     """
     return HalfFile(response.content, format, parsed(Half, response.headers.get(HALF, "")))
+
+
+def cut(response: httpx.Response, format: str) -> SectorFile:
+    """The answer of ``POST /sector``.
+
+    Raises:
+        UnexpectedAnswerError: it does not say what was done.
+    """
+    return SectorFile(response.content, format, parsed(Sector, response.headers.get(SECTOR, "")))
 
 
 def aligned(response: httpx.Response, format: str) -> AlignedFile:

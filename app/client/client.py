@@ -11,7 +11,7 @@ connection breaks before an answer came.
 
 import asyncio
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -23,17 +23,20 @@ from app.client.calls import (
     ClientConfig,
     CompletedFile,
     HalfFile,
+    SectorFile,
     Source,
     align_call,
     aligned,
     checked,
     complete_call,
     completed,
+    cut,
     detect_call,
     halve_call,
     halved,
     parsed,
     pause,
+    sector_call,
 )
 from app.planes import PlaneLike
 from app.schemas import DetectResponse, Include, LevelName, Mode, ModelCard
@@ -128,10 +131,26 @@ class Client:
         format: str = "ply",
         plane: PlaneLike | None = None,
         positive: bool = True,
+        capped: bool = False,
         max_error: float = 4e-4,
     ) -> HalfFile:
-        """One half of a mesh, open where it was cut; without a plane the best one that is detected is taken."""
-        return halved(self._send(halve_call(mesh, format, plane, positive, max_error)), format)
+        """One half of a mesh, open where it was cut or capped; without a plane, at the best one that is detected."""
+        return halved(self._send(halve_call(mesh, format, plane, positive, capped, max_error)), format)
+
+    def sector(
+        self,
+        mesh: Source,
+        *,
+        format: str = "ply",
+        order: int | None = None,
+        axis: Sequence[float] | None = None,
+        point: Sequence[float] | None = None,
+        start: Sequence[float] | None = None,
+        capped: bool = True,
+        max_error: float = 4e-4,
+    ) -> SectorFile:
+        """One of n equal sectors of a mesh about an axis; see `app.local.sector`."""
+        return cut(self._send(sector_call(mesh, format, order, axis, point, start, capped, max_error)), format)
 
     def align(self, mesh: Source, *, format: str = "ply", max_error: float = 4e-4) -> AlignedFile:
         """A copy of a mesh laid along the axes; see `app.local.align`."""
@@ -238,10 +257,26 @@ class AsyncClient:
         format: str = "ply",
         plane: PlaneLike | None = None,
         positive: bool = True,
+        capped: bool = False,
         max_error: float = 4e-4,
     ) -> HalfFile:
-        """One half of a mesh, open where it was cut; without a plane the best one that is detected is taken."""
-        return halved(await self._send(halve_call(mesh, format, plane, positive, max_error)), format)
+        """One half of a mesh, open where it was cut or capped; without a plane, at the best one that is detected."""
+        return halved(await self._send(halve_call(mesh, format, plane, positive, capped, max_error)), format)
+
+    async def sector(
+        self,
+        mesh: Source,
+        *,
+        format: str = "ply",
+        order: int | None = None,
+        axis: Sequence[float] | None = None,
+        point: Sequence[float] | None = None,
+        start: Sequence[float] | None = None,
+        capped: bool = True,
+        max_error: float = 4e-4,
+    ) -> SectorFile:
+        """One of n equal sectors of a mesh about an axis; see `app.local.sector`."""
+        return cut(await self._send(sector_call(mesh, format, order, axis, point, start, capped, max_error)), format)
 
     async def align(self, mesh: Source, *, format: str = "ply", max_error: float = 4e-4) -> AlignedFile:
         """A copy of a mesh laid along the axes; see `app.local.align`."""

@@ -8,13 +8,16 @@ from typing import Any
 from urllib.parse import unquote
 
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.MULTILINE)
+_TEXTURE = re.compile(rb"^comment[ \t]+TextureFile[ \t]+(.+?)[ \t]*$", re.MULTILINE | re.IGNORECASE)
+_LONGEST_HEADER = 1 << 20
 _PICTURE = re.compile(rb"^[ \t]*map_Kd[ \t]+(?:-.*[ \t])?(\S.*?)[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
 
 
 def companions(path: Path, *, looks: bool = False) -> list[Path]:
     """The files beside a mesh file, or in folders beside it, that it refers to.
 
-    Those are the buffers of a .gltf file; with ``looks`` also its pictures, and an .obj file's materials and theirs.
+    Those are the buffers of a .gltf file; with ``looks`` also its pictures, those of a .ply file, and an .obj file's
+    materials and theirs.
     What cannot be read is left to the service, which says what is missing.
 
     Raises:
@@ -27,6 +30,10 @@ def companions(path: Path, *, looks: bool = False) -> list[Path]:
             libraries = _beside(path, _names(_LIBRARY, path.read_bytes()))
             pictures = [name for each in libraries for name in _names(_PICTURE, each.read_bytes())]
             return [*libraries, *_beside(path, pictures)]
+        case ".ply" if looks:
+            with path.open("rb") as file:
+                header, end, _ = file.read(_LONGEST_HEADER).partition(b"end_header")
+            return _beside(path, _names(_TEXTURE, header.replace(b"\r", b"\n"))) if end else []
         case _:
             return []
 

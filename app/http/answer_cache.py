@@ -10,8 +10,7 @@ import json
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from app import schemas
-from app.workers.verify import Answer
+from app.workers.verify import Answer, Content
 
 HEADER = "PRSNet-Cache"
 """``hit`` or ``miss``; not there when the cache is off."""
@@ -23,12 +22,7 @@ _OVERHEAD = 500
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    kind: (
-        type[schemas.DetectResponse]
-        | type[schemas.CompletedMesh]
-        | type[schemas.HalvedMesh]
-        | type[schemas.AlignedMesh]
-    )
+    kind: type[Content]
     text: bytes
     file: tuple[bytes, ...]
 

@@ -2,9 +2,10 @@
 
 from starlette.responses import Response
 
-from app import queries, schemas
+from app import edit_schemas, queries, schemas
 from app.http.attachment import Attachment, disposition
 from app.http.runtime import Runtime
+from app.outputs.fem import half_with_lines, sector_with_lines
 from app.outputs.negotiation import MEDIA_TYPES, Choice, choose
 from app.outputs.output_format import Options
 from app.outputs.registry import OUTPUTS
@@ -57,19 +58,21 @@ def with_headers(response: Response, headers: dict[str, str]) -> Response:
 
 
 def edited(runtime: Runtime, answer: Answer, format: str) -> Response:
-    """The response of ``POST /complete``, ``/halve`` and ``/align``: a mesh, and in a header what was done.
+    """The response of ``/complete``, ``/halve``, ``/sector`` and ``/align``: a mesh, and in a header what was done.
 
     Raises:
         ProblemError: ``overloaded`` (503).
     """
     content = answer.content
     match content:
-        case schemas.CompletedMesh():
-            header, done, word = schemas.COMPLETION, content.completion, "completed"
-        case schemas.HalvedMesh():
-            header, done, word = schemas.HALF, content.half, "half"
-        case schemas.AlignedMesh():
-            header, done, word = schemas.ALIGNMENT, content.alignment, "aligned"
+        case edit_schemas.CompletedMesh():
+            header, done, word = edit_schemas.COMPLETION, content.completion, "completed"
+        case edit_schemas.HalvedMesh():
+            header, done, word = edit_schemas.HALF, half_with_lines(content.half), "half"
+        case edit_schemas.SectorMesh():
+            header, done, word = edit_schemas.SECTOR, sector_with_lines(content.sector), "sector"
+        case edit_schemas.AlignedMesh():
+            header, done, word = edit_schemas.ALIGNMENT, content.alignment, "aligned"
         case schemas.DetectResponse():
             raise TypeError("not a mesh")
     headers = {

@@ -25,7 +25,7 @@ from app.workers.pool import WorkerPool
 
 logger = logging.getLogger("prsnet.access")
 
-_GUARDED = (b"/detect", b"/complete", b"/halve", b"/align")
+_GUARDED = (b"/detect", b"/complete", b"/halve", b"/sector", b"/align")
 _KEY, _ID = KEY_HEADER.lower().encode(), HEADER.lower().encode()
 _ARRIVING_S = 0.25
 _LOG_EVERY_S = 1.0

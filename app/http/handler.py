@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from app import __version__, schemas
+from app import __version__, edit_schemas
 from app.http import answer_cache
 from app.http.middleware import stages
 from app.http.runtime import Runtime
@@ -135,7 +135,7 @@ async def _computed(request: Request, runtime: Runtime, upload: Upload, job: Job
     for name in ("parse", "voxelize", "infer", "refine"):
         spent[name] = getattr(timings, name)
     spent["validate"] = timings.validate_
-    if isinstance(result.content, schemas.CompletedMesh):
+    if isinstance(result.content, edit_schemas.CompletedMesh):
         spent["complete"] = result.content.complete_ms
     spent["worker"] = timings.total
     return result

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
-from app import __version__, problems, schemas
+from app import __version__, edit_schemas, problems
 from app.http import answer_cache, auth, openapi, pages, routes, tracing
 from app.http.middleware import HEADER, RequestContext
 from app.http.runtime import Runtime
@@ -56,7 +56,7 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
             expose_headers=[
                 HEADER,
                 answer_cache.HEADER,
-                schemas.COMPLETION,
+                edit_schemas.COMPLETION,
                 "Content-Disposition",
                 "ETag",
                 "Server-Timing",

@@ -11,6 +11,7 @@ _ROUTES = frozenset(
         "/detect",
         "/complete",
         "/halve",
+        "/sector",
         "/align",
         "/health",
         "/health/live",

@@ -10,7 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import PlainTextResponse, Response
 
-from app import problems, schemas
+from app import edit_schemas, problems, schemas
 from app.http import answer_cache, auth
 from app.http.middleware import HEADER
 from app.http.uploads import FIELD
@@ -229,7 +229,14 @@ DETECT: dict[str, Any] = {
 }
 
 
-def _mesh_answer(summary: str, description: str, header: str, schema: str, example: str) -> dict[str, Any]:
+def _mesh_answer(
+    summary: str,
+    description: str,
+    header: str,
+    schema: str,
+    example: str,
+    missing: problems.ProblemType = problems.NO_PLANE,
+) -> dict[str, Any]:
     """A path that answers with a mesh, and in a header with what was done."""
     done = {"description": "What was done, as JSON.", "content": {_JSON: {"schema": _ref(schema)}}}
     name = {"description": "A name for the file.", "schema": {"type": "string"}}
@@ -245,7 +252,7 @@ def _mesh_answer(summary: str, description: str, header: str, schema: str, examp
                 "headers": {**_KEPT_HEADERS, header: done, "Content-Disposition": name},
             },
             304: _NOT_MODIFIED,
-            **_errors(*_UPLOAD_PROBLEMS, problems.NO_PLANE),
+            **_errors(*_UPLOAD_PROBLEMS, missing),
         },
         "openapi_extra": {
             "requestBody": _UPLOAD_BODY,
@@ -258,21 +265,29 @@ def _mesh_answer(summary: str, description: str, header: str, schema: str, examp
 COMPLETE = _mesh_answer(
     "Complete a mesh by its mirror image",
     "The completed mesh as a file, in the mesh's own coordinates.",
-    schemas.COMPLETION,
+    edit_schemas.COMPLETION,
     "Completion",
     "-F file=@scan.ply -o completed.ply 'http://127.0.0.1:8000/complete?max_error=2e-3'",
 )
 HALVE = _mesh_answer(
     "Keep half of a mesh",
-    "The half as a file, in the mesh's own coordinates, open where it was cut.",
-    schemas.HALF,
+    "The half as a file, in the mesh's own coordinates, open where it was cut, or closed there.",
+    edit_schemas.HALF,
     "Half",
     "-F file=@part.stl -o half.stl 'http://127.0.0.1:8000/halve?format=stl'",
+)
+SECTOR = _mesh_answer(
+    "Keep a cyclic sector of a mesh",
+    "One of n equal sectors as a file, in the mesh's own coordinates; the header has lines for CalculiX and FreeCAD.",
+    edit_schemas.SECTOR,
+    "Sector",
+    "-F file=@vase.ply -o sector.stl 'http://127.0.0.1:8000/sector?format=stl'",
+    problems.NO_AXIS,
 )
 ALIGN = _mesh_answer(
     "Lay a mesh along the axes",
     "The moved copy as a file: its symmetry plane on YZ, its main axis on Z.",
-    schemas.ALIGNMENT,
+    edit_schemas.ALIGNMENT,
     "Alignment",
     "-F file=@part.stl -o aligned.glb 'http://127.0.0.1:8000/align?format=glb'",
 )
@@ -301,6 +316,16 @@ _KEYS: dict[str, Any] = {
 }
 
 
+_DESCRIBED = (
+    schemas.Problem,
+    edit_schemas.Completion,
+    edit_schemas.Half,
+    edit_schemas.Sector,
+    edit_schemas.Alignment,
+    schemas.BopEntry,
+)
+
+
 def build(app: FastAPI) -> dict[str, Any]:
     """The OpenAPI document of ``app``."""
     document = get_openapi(
@@ -313,7 +338,7 @@ def build(app: FastAPI) -> dict[str, Any]:
     # Put in afterwards, because FastAPI drops members that are null from what it is given.
     answers = document["paths"]["/detect"]["post"]["responses"]
     answers["200"]["content"]["application/json"]["example"] = _EXAMPLE_RESPONSE
-    for schema in (schemas.Problem, schemas.Completion, schemas.Half, schemas.Alignment, schemas.BopEntry):
+    for schema in _DESCRIBED:
         described = schema.model_json_schema(ref_template="#/components/schemas/{model}")
         document["components"]["schemas"].update(described.pop("$defs", {}))
         document["components"]["schemas"][schema.__name__] = described

@@ -73,7 +73,7 @@ async def complete(request: Request, query: Annotated[queries.CompleteQuery, Que
 
 @router.post("/halve", dependencies=KEY, **openapi.HALVE)
 async def halve(request: Request, query: Annotated[queries.HalveQuery, Query()], runtime: RuntimeOf) -> Response:
-    """Keep one half of one mesh, cut exactly at a plane and open there."""
+    """Keep one half of one mesh, cut exactly at a plane, open there or closed."""
     outcome = await process_upload(
         request,
         runtime,
@@ -85,6 +85,27 @@ async def halve(request: Request, query: Annotated[queries.HalveQuery, Query()],
         geometry=query.format,
         plane=query.plane,
         positive=not query.other,
+        capped=query.capped,
+    )
+    return _mesh(runtime, outcome, query.format)
+
+
+@router.post("/sector", dependencies=KEY, **openapi.SECTOR)
+async def sector(request: Request, query: Annotated[queries.SectorQuery, Query()], runtime: RuntimeOf) -> Response:
+    """Cut one of n equal sectors out of one mesh, between two planes through a rotation axis."""
+    outcome = await process_upload(
+        request,
+        runtime,
+        query.format,
+        task="sector",
+        mode="full",
+        max_error=query.max_error,
+        include=[],
+        geometry=query.format,
+        line=query.line,
+        order=query.order,
+        start=query.way,
+        capped=query.capped,
     )
     return _mesh(runtime, outcome, query.format)
 

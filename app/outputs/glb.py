@@ -26,6 +26,7 @@ _ORDINARY = 1e-15, 1e15
 _GREY = [0.72, 0.74, 0.77, 1.0]
 _EXACT_PLANE, _SIMILAR_PLANE = [0.10, 0.45, 0.85, 0.28], [0.95, 0.55, 0.10, 0.28]
 _EXACT_AXIS, _SIMILAR_AXIS = [0.80, 0.10, 0.20, 1.0], [0.95, 0.55, 0.10, 1.0]
+_PICTURE_EXTENSIONS = {"image/webp": "EXT_texture_webp", "image/ktx2": "KHR_texture_basisu"}
 _MATERIALS = (_GREY, _EXACT_PLANE, _SIMILAR_PLANE, _EXACT_AXIS, _SIMILAR_AXIS)
 
 
@@ -229,7 +230,15 @@ def _with_pictures(
             parts.append({"attributes": attributes, "indices": len(accessors) - 1, "material": material})
         at += faces
     images = [{"bufferView": first_view + k, "mimeType": each.media_type} for k, each in enumerate(pictures.laid)]
-    return parts, {"images": images, "textures": [{"source": k} for k in range(len(images))]}
+    needed = [_PICTURE_EXTENSIONS.get(each.media_type) for each in pictures.laid]
+    textures = [
+        {"source": k} if extension is None else {"extensions": {extension: {"source": k}}}
+        for k, extension in enumerate(needed)
+    ]
+    lists: dict[str, Any] = {"images": images, "textures": textures}
+    if extensions := sorted({extension for extension in needed if extension}):
+        lists |= {"extensionsUsed": extensions, "extensionsRequired": extensions}
+    return parts, lists
 
 
 def _material(colour: list[float]) -> dict[str, Any]:

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.outputs.mesh_file import require, require_numbers
-from model.meshes.texture import MOST_PICTURES, Texture, picture
+from model.meshes.texture import MOST_PICTURES, SIGNATURE_BYTES, Texture, picture
 from model.types import IntArray
 
 _MARK = b"PICT"
 _FOOT = struct.Struct("<II4s")
 _ROW = struct.Struct("<III")
-_KINDS = ("image/png", "image/jpeg")
+_KINDS = ("image/png", "image/jpeg", "image/webp", "image/ktx2")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ def read_appendix(body: bytes, start: int, vertices: int, faces: int) -> Picture
         row: tuple[int, int, int] = _ROW.unpack_from(body, table + index * _ROW.size)
         kind, length, own = row
         require(kind < len(_KINDS) and at + length <= table, "pictures of another size")
-        found = picture(body[at : at + 8])
+        found = picture(body[at : at + SIGNATURE_BYTES])
         require(found is not None and found.media_type == _KINDS[kind], "a picture that is none")
         laid.append(Laid(_KINDS[kind], at, length, own))
         at += length + -length % 4

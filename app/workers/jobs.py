@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from app.completion import CompleteOptions, complete_file
 from app.detection import MeshLimits, Options, SymmetryDetector, detect_file
-from app.editing import AlignOptions, HalveOptions, edit_file
+from app.editing import AlignOptions, EditOptions, HalveOptions, SectorOptions, edit_file
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.registry import MESH_WRITERS
 from app.schemas import to_json
@@ -34,10 +34,12 @@ def perform(
         answer, mesh = complete_file(detector, data, job.filename, options, limits, on_parsed, resources)
         body = _body(MESH_WRITERS[job.geometry or "ply"], mesh, answer.mesh.bounds, _most(job))
         return answer.model_dump_json(by_alias=True).encode(), body
-    if job.task in ("halve", "align"):
-        edit = AlignOptions(job.max_error)
+    if job.task != "detect":
+        edit: EditOptions = AlignOptions(job.max_error)
         if job.task == "halve":
-            edit = HalveOptions(job.plane, job.positive, job.max_error)
+            edit = HalveOptions(job.plane, job.positive, job.max_error, job.capped)
+        if job.task == "sector":
+            edit = SectorOptions(job.line, job.order, job.start, job.max_error, job.capped)
         edited, mesh = edit_file(detector, data, job.filename, edit, limits, on_parsed, resources)
         body = _body(MESH_WRITERS[job.geometry or "ply"], mesh, edited.mesh.bounds, _most(job))
         return edited.model_dump_json(by_alias=True).encode(), body

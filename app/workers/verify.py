@@ -8,11 +8,11 @@ alone; all structure around them is written here, and the numbers are checked (s
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 from pydantic import ValidationError
 
-from app import schemas
+from app import edit_schemas, schemas
 from app.outputs.mesh_file import BodyError, Counts
 from app.outputs.registry import MESH_WRITERS
 from app.workers.wire import Job
@@ -38,11 +38,20 @@ class UntrustedError(Exception):
     """What came back cannot be an answer to the job."""
 
 
+Content: TypeAlias = (
+    schemas.DetectResponse
+    | edit_schemas.CompletedMesh
+    | edit_schemas.HalvedMesh
+    | edit_schemas.SectorMesh
+    | edit_schemas.AlignedMesh
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """A checked answer: what it says, and the parts of the mesh file that goes with it, if one does."""
 
-    content: schemas.DetectResponse | schemas.CompletedMesh | schemas.HalvedMesh | schemas.AlignedMesh
+    content: Content
     file: list[bytes] = field(default_factory=list[bytes])
 
 
@@ -69,13 +78,13 @@ def trusted(text: bytes, body: bytes | None, job: Job, card: Card) -> Answer:
     return Answer(content, [head, body])
 
 
-def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMesh:
+def trusted_completion(text: bytes, job: Job, card: Card) -> edit_schemas.CompletedMesh:
     """The description of a completed mesh, checked.
 
     Raises:
         UntrustedError: it breaks the schema, or is not about this job.
     """
-    answer = _parsed(schemas.CompletedMesh, text)
+    answer = _parsed(edit_schemas.CompletedMesh, text)
     done, mesh = answer.completion, answer.mesh
     _require_mesh(mesh, job, card, growth=_GROWTH)
     _require(_is_unit(done.plane.normal) and _in_range([done.plane.offset]), "a plane that is none")
@@ -90,31 +99,58 @@ def trusted_completion(text: bytes, job: Job, card: Card) -> schemas.CompletedMe
     return answer
 
 
-def trusted_half(text: bytes, job: Job, card: Card) -> schemas.HalvedMesh:
+def trusted_half(text: bytes, job: Job, card: Card) -> edit_schemas.HalvedMesh:
     """The description of half a mesh, checked.
 
     Raises:
         UntrustedError: it breaks the schema, or is not about this job.
     """
-    answer = _parsed(schemas.HalvedMesh, text)
+    answer = _parsed(edit_schemas.HalvedMesh, text)
     half = answer.half
     _require_mesh(answer.mesh, job, card, growth=_GROWTH)
     _require(_is_unit(half.normal) and _in_range([half.offset]), "a plane that is none")
     _require(half.detected == (job.plane is None), "a plane nobody asked for")
     _require((half.side == "positive") == job.positive, "another task's answer")
     _require(half.faces == answer.mesh.faces, "counts that contradict each other")
+    _require(job.capped or not half.capped, "another task's answer")
+    _require(all(map(_in_range, half.points)), "points out of range")
+    _require(not (half.calculix or half.freecad), "text that is written elsewhere")
     _require_warnings(half.warnings)
     _require_timings(answer.timings_ms)
     return answer
 
 
-def trusted_alignment(text: bytes, job: Job, card: Card) -> schemas.AlignedMesh:
+def trusted_sector(text: bytes, job: Job, card: Card) -> edit_schemas.SectorMesh:
+    """The description of a sector, checked.
+
+    Raises:
+        UntrustedError: it breaks the schema, or is not about this job.
+    """
+    answer = _parsed(edit_schemas.SectorMesh, text)
+    sector = answer.sector
+    _require_mesh(answer.mesh, job, card, growth=_GROWTH)
+    _require(_is_unit(sector.direction) and all(map(_in_range, sector.ends)), "an axis that is none")
+    for plane in (sector.dependent, sector.independent):
+        _require(_is_unit(plane.normal) and _in_range([plane.offset]), "a plane that is none")
+    _require(sector.detected == (job.line is None), "an axis nobody asked for")
+    _require(sector.order == job.order or (job.order is None and sector.detected), "sectors nobody asked for")
+    _require(abs(sector.angle * sector.order - 360.0) < 1e-6, "counts that contradict each other")
+    _require(_in_range([sector.max_distance or 0.0]), "no measures")
+    _require(job.capped or not sector.capped, "another task's answer")
+    _require(sector.faces == answer.mesh.faces, "counts that contradict each other")
+    _require(not (sector.calculix or sector.freecad), "text that is written elsewhere")
+    _require_warnings(sector.warnings)
+    _require_timings(answer.timings_ms)
+    return answer
+
+
+def trusted_alignment(text: bytes, job: Job, card: Card) -> edit_schemas.AlignedMesh:
     """The description of a mesh laid along the axes, checked.
 
     Raises:
         UntrustedError: it breaks the schema, or is not about this job.
     """
-    answer = _parsed(schemas.AlignedMesh, text)
+    answer = _parsed(edit_schemas.AlignedMesh, text)
     done = answer.alignment
     _require_mesh(answer.mesh, job, card)
     _require(all(map(_in_range, done.matrix)), "a matrix out of range")
@@ -158,6 +194,7 @@ _TRUSTED = {
     "detect": trusted_answer,
     "complete": trusted_completion,
     "halve": trusted_half,
+    "sector": trusted_sector,
     "align": trusted_alignment,
 }
 

@@ -72,8 +72,8 @@ def sample_jobs() -> list[tuple[Job, bytes]]:
     corners = "\n".join(f"{line} 200 0 0" for line in _lines(_CORNERS).split("\n"))
     faces = _lines((len(face), *face) for face in _MIXED)
     colored = f"{header.format('ascii', len(_MIXED))}{corners}\n{faces}\n".encode()
-    for task in ("halve", "align"):
-        jobs.append((Job("colored.ply", "full", size=len(colored), task=task, geometry="ply", **common), colored))
+    for edit in ({"task": "halve", "capped": True}, {"task": "sector", "order": 2, "capped": True}, {"task": "align"}):
+        jobs.append((Job("colored.ply", "full", size=len(colored), geometry="ply", **edit, **common), colored))
     parts = _painted()
     painted = b"".join(content for _, content in parts)
     ways = {"task": "halve", "geometry": "glb", "plane": [1.0, 0.0, 0.0, -0.5]}

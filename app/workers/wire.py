@@ -36,8 +36,9 @@ class Job:
 
     With ``geometry`` the answer is followed by a frame of kind `GEOMETRY`, the body of a file of that format.
     ``plane`` (unit normal and offset) is for completing and halving, ``symmetrize`` for the first, ``positive`` (which
-    side is kept) for the second. ``parts`` are name and size of every file where several came, the mesh and what it
-    refers to, one after the other in the bytes.
+    side is kept) for the second. ``line`` (unit direction and point of an axis), ``order`` and ``start`` are for
+    sectors, ``capped`` for them and for halves. ``parts`` are name and size of every file where several came, the mesh
+    and what it refers to, one after the other in the bytes.
     """
 
     filename: str
@@ -51,11 +52,15 @@ class Job:
     cpu_s: float
     size: int
     transport: Literal["inline", "descriptor"]
-    task: Literal["detect", "complete", "halve", "align"] = "detect"
+    task: Literal["detect", "complete", "halve", "sector", "align"] = "detect"
     geometry: str | None = None
     plane: list[float] | None = None
     symmetrize: bool = False
     positive: bool = True
+    capped: bool = False
+    line: list[float] | None = None
+    order: int | None = None
+    start: list[float] | None = None
     max_answer_bytes: int = 0
     level: LevelName = "auto"
     tolerance: float | None = None

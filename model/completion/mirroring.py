@@ -1,4 +1,4 @@
-"""What a mirror plane is good for: completing a mesh (the paper, Section 6), making it symmetric, halving it.
+"""What a mirror plane is good for: completing a mesh (the paper, Section 6), making it symmetric.
 
 All work in the unit frame inside and in the caller's coordinates outside; what was there keeps its coordinates to the
 last digit.
@@ -8,16 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model.completion.halving import ON_PLANE, half_space, merged
 from model.completion.missing import estimate_tolerance, find_missing
 from model.completion.seam import join
-from model.errors import DegenerateMeshError
 from model.geometry.frames import triangle_areas
 from model.geometry.integrals import unit_frame
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import WORK, SurfaceIndex
-from model.geometry.topology import duplicate_vertex_map
 from model.geometry.transforms import reflect
-from model.meshes.clipping import clip, nondegenerate_mask, remove_unreferenced_vertices
+from model.meshes.clipping import remove_unreferenced_vertices
 from model.meshes.mesh import Mesh
 from model.meshes.subdivision import edge_lengths
 from model.types import FloatArray, IntArray
@@ -25,9 +24,6 @@ from model.types import FloatArray, IntArray
 _SAMPLES = 2000
 _WORK_A_FACE = 100
 """Each face is asked about a few times. Well-shaped ones take a tenth of this, fans of slivers most of it."""
-
-_ON_PLANE = 1e-9
-"""Unit frame. A vertex nearer to the plane than this is on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,95 +100,9 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
     )
 
 
-def halve(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
-    """The part of a mesh on one side of a plane, cut exactly there and open.
-
-    Args:
-        mesh: any mesh.
-        plane: ``(n, d)`` ``(4,)`` with unit normal, in the mesh's coordinates.
-        positive: the side where ``n.x + d`` is positive, or else the other.
-
-    Returns:
-        vertices ``(v, 3)`` and faces ``(f, 3)`` in the mesh's coordinates.
-
-    Raises:
-        DegenerateMeshError: nothing of the mesh is on that side.
-    """
-    frame = unit_frame(mesh.vertices, mesh.faces)
-    vertices, faces = merged(mesh)
-    return _half(vertices, faces, plane if positive else -plane, _ON_PLANE * frame.scale)
-
-
 def _work(faces: IntArray) -> float:
     """What may be done to measure distances to so many faces."""
     return WORK + _WORK_A_FACE * len(faces)
-
-
-def merged(mesh: Mesh) -> tuple[FloatArray, IntArray]:
-    """Vertices and faces with those at one place made one, unused ones and faces without corners dropped."""
-    faces = duplicate_vertex_map(mesh.vertices)[mesh.faces]
-    faces = faces[nondegenerate_mask(faces)]
-    vertices, faces, _ = remove_unreferenced_vertices(mesh.vertices, faces)
-    return vertices, faces
-
-
-def _half(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: float) -> tuple[FloatArray, IntArray]:
-    """What is on the positive side of a plane; vertices within ``rounding`` of it are put on it."""
-    normal, offset = plane[:3], plane[3]
-    height = vertices @ normal + offset
-    near = np.abs(height) <= rounding
-    vertices = np.where(near[:, None], vertices - height[:, None] * normal, vertices)
-    height = np.where(near, 0.0, height)
-    # A face that only touches the plane belongs to the side it is on, one within the plane to the positive side.
-    above = (height[faces] >= 0.0).all(axis=1)
-    crossed = faces[(height[faces].max(axis=1) > 0.0) & ~above]
-
-    def crossing(inside: FloatArray, outside: FloatArray) -> FloatArray:
-        high, low = inside @ normal + offset, outside @ normal + offset
-        points = inside + (high / (high - low))[:, None] * (outside - inside)
-        return points - (points @ normal + offset)[:, None] * normal
-
-    # Where a corner is on the plane itself no new one is needed: it counts as inside, and slivers go.
-    clipped = clip(vertices, crossed, height >= 0.0, crossing)
-    pieces = clipped.faces
-    corners = np.append(height >= 0.0, np.ones(len(clipped.vertices) - len(height), dtype=np.bool_))
-    pieces = pieces[corners[pieces].all(axis=1)]
-    result = np.concatenate([_single_wall(vertices, faces[above], height, normal, rounding), pieces])
-    if not len(result):
-        raise DegenerateMeshError("Nothing of the mesh is on that side of the plane.")
-    places = duplicate_vertex_map(clipped.vertices)[result]
-    half, half_faces, _ = remove_unreferenced_vertices(clipped.vertices, places[nondegenerate_mask(places)])
-    return half, half_faces
-
-
-def _single_wall(
-    vertices: FloatArray, faces: IntArray, height: FloatArray, normal: FloatArray, rounding: float
-) -> IntArray:
-    """Faces on the positive side without the other side's wall: two bodies that are glued have two walls in the plane.
-
-    The wall of the side that is kept faces away from it. A face that looks the other way is dropped where one of those
-    lies on the same place, and so is a face of which there is a copy.
-    """
-    lying = (height[faces] == 0.0).all(axis=1)
-    if lying.sum() < 2:
-        return faces
-    wall = faces[lying]
-    _, first = np.unique(np.sort(wall, axis=1), axis=0, return_index=True)
-    corners = vertices[wall]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ normal
-    own = np.flatnonzero(areas < 0.0)
-    keep = np.zeros(len(wall), dtype=np.bool_)
-    keep[first] = True
-    if len(own) and (areas > 0.0).any():
-        # Copies that look both ways: the one that looks away from this side is the one to keep.
-        _, mine = np.unique(np.sort(wall[own], axis=1), axis=0, return_index=True)
-        keep = areas > 0.0
-        keep[own[mine]] = True
-        other = np.flatnonzero(areas > 0.0)
-        index = SurfaceIndex(*remove_unreferenced_vertices(vertices, wall[own])[:2])
-        _, squared, _ = index.closest(np.ascontiguousarray(corners[other].mean(axis=1)))
-        keep[other[squared <= (2.0 * rounding) ** 2]] = False
-    return np.concatenate([faces[~lying], wall[keep]])
 
 
 def _averaged(
@@ -209,8 +119,8 @@ def _averaged(
     middle = np.where(near[:, None], (vertices + reflect(targets, plane)) / 2.0, vertices)
     sides = [_side_area(middle, faces, plane * sign) for sign in (1.0, -1.0)]
     plane = plane if sides[0] >= sides[1] else -plane
-    half, half_faces = _half(middle, faces, plane, tolerance / 2.0)
-    on_plane = np.abs(half @ plane[:3] + plane[3]) <= _ON_PLANE
+    half, half_faces = half_space(middle, faces, plane, tolerance / 2.0)
+    on_plane = np.abs(half @ plane[:3] + plane[3]) <= ON_PLANE
     other = np.where(on_plane, np.arange(len(half)), len(half) + np.cumsum(~on_plane) - 1)
     # A face within the plane is its own mirror image, unless it is what became of a thin one across it.
     lying = on_plane[half_faces].all(axis=1)

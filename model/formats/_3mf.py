@@ -102,7 +102,9 @@ class _Builder:
             several = sum(
                 len(entries) for palette in self._package.palettes.values() for entries in palette.groups.values()
             )
-            return replace(raw, painted=self._package.painted and several > 1 and not self._limits.looks)
+            painted = self._package.painted and several > 1
+            painted = painted or self._package.brushed or self._package.has_pictures
+            return replace(raw, painted=painted and not self._limits.looks)
         which, own, tints = split(raw.faces, paints[:face])
         return replace(raw, vertices=raw.vertices[which], faces=own, colors=tints)
 
@@ -112,6 +114,10 @@ class _Builder:
             found.append(f"Left out: {_volumes(self._left_out)} made only to steer a slicer (modifiers, supports).")
         if self._negative:
             found.append(f"Left out and not subtracted: {_volumes(self._negative)} that a slicer would cut away.")
+        if self._limits.looks and self._package.brushed:
+            found.append("Left out: the colours that were painted on the surface in a slicer.")
+        if self._limits.looks and self._package.has_pictures:
+            found.append("Left out: the pictures on the surface of the 3MF file.")
         if self._package.has_other_shapes:
             found.append("Left out: shapes that are no triangles, such as beam lattices.")
         return tuple(found)

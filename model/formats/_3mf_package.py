@@ -12,7 +12,7 @@ import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
 from model.formats._3mf_colors import Palette, number
-from model.formats._3mf_slicers import CURA, Roles, SlicerReader
+from model.formats._3mf_slicers import BRUSHED, CURA, Roles, SlicerReader
 from model.formats._common import Limits
 from model.types import FloatArray
 
@@ -76,6 +76,8 @@ class Package:
         self.roles = Roles()
         self.palettes: dict[str, Palette] = {}
         self.painted = False
+        self.brushed = False
+        self.has_pictures = False
         self.has_other_shapes = False
         self.start = self._find_start()
 
@@ -201,6 +203,8 @@ class _PartReader:
         """An element starts."""
         namespace, _, local = name.rpartition(" ")
         item = self._object
+        if local == "texture2d":
+            self._package.has_pictures = True
         if local in _OTHER_SHAPES:
             self._package.has_other_shapes = True
         if item is not None and (local == "metadata" or (local == "setting" and namespace.startswith(CURA))):
@@ -232,6 +236,8 @@ class _PartReader:
 
     def _paint(self, item: Object, attributes: dict[str, str]) -> None:
         """Note which colours a triangle has, or that it has some."""
+        if len(attributes) > 3 and not self._package.brushed:
+            self._package.brushed = any(name.rpartition(" ")[2] in BRUSHED for name in attributes)
         if not self._limits.looks:
             self._package.painted = self._package.painted or "p1" in attributes
             return

@@ -13,6 +13,9 @@ import numpy as np
 from model.types import BoolArray
 
 CURA = "http://software.ultimaker.com/xml/cura/"
+BRUSHED = frozenset({"paint_color", "mmu_segmentation"})
+"""Attributes of triangles that slicers keep what is painted with a brush in, in a code of their own."""
+
 _CURA_HELPERS = ("support_mesh", "anti_overhang_mesh", "infill_mesh", "cutting_mesh")
 
 Role: TypeAlias = Literal["shape", "helper", "negative"]

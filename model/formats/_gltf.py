@@ -12,7 +12,7 @@ from model.formats._gltf_bodies import Bodies
 from model.formats._gltf_buffers import Buffers
 from model.formats._gltf_scene import Scene
 from model.meshes.colors import from_linear
-from model.meshes.texture import texture
+from model.meshes.texture import lost_pictures, texture
 from model.types import ByteArray, FloatArray
 
 _MAGIC = b"glTF"
@@ -99,7 +99,7 @@ def _read(text: bytes, binary: bytes | None, limits: Limits, resources: Resource
         bodies = Bodies(document, buffers, limits)
         raw = _flatten(scene, bodies, limits)
         # The format fixes the unit.
-        warnings = (*scene.warnings, *bodies.warnings)
+        warnings = (*scene.warnings, *bodies.warnings, *lost_pictures(bodies.looks.lost))
         return replace(raw, units="meter", warnings=warnings, painted=bodies.looks.painted)
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UnreadableMeshError("The glTF file breaks the rules of its format.") from error

@@ -10,7 +10,17 @@ from model.meshes.texture import MOST_PICTURES, Picture, picture
 from model.types import AnyArray, FloatArray
 
 _TRANSFORM = "KHR_texture_transform"
-_BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, UnreadableMeshError)
+_SOURCES = ("EXT_texture_webp", "KHR_texture_basisu")
+_BROKEN = (
+    StopIteration,
+    KeyError,
+    IndexError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    UnreadableMeshError,
+)
 """A shape with broken looks is a shape all the same."""
 
 
@@ -20,6 +30,7 @@ class Looks:
     Attributes:
         pictures: those that were met.
         painted: whether some were met that were not wanted.
+        lost: how many were wanted and not there.
     """
 
     def __init__(self, document: Any, buffers: Buffers, wanted: bool) -> None:
@@ -29,6 +40,7 @@ class Looks:
         self._numbers: dict[int, int] = {}
         self.pictures: list[Picture] = []
         self.painted = False
+        self.lost = 0
 
     def light(self, primitive: Any, count: int, stored: bool) -> FloatArray:
         """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white.
@@ -57,8 +69,9 @@ class Looks:
             if used is None:
                 return -1
             self.painted = self.painted or not self._wanted
-            return self._number(int(self._json["textures"][used["index"]]["source"])) if self._wanted else -1
+            return self._number(self._source(used["index"])) if self._wanted else -1
         except _BROKEN:
+            self.lost += self._wanted
             return -1
 
     def channel(self, primitive: Any) -> int:
@@ -90,11 +103,19 @@ class Looks:
             return {}
         return self._json["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
 
+    def _source(self, index: int) -> int:
+        """The image of a texture: the one for everybody, or else that of an extension."""
+        texture = self._json["textures"][index]
+        if "source" in texture:
+            return int(texture["source"])
+        return next(int(texture["extensions"][name]["source"]) for name in _SOURCES if name in texture["extensions"])
+
     def _number(self, index: int) -> int:
         """The number among `pictures` of an image of the document."""
         if index not in self._numbers:
             found = picture(self._buffers.image(index)) if len(self.pictures) < MOST_PICTURES else None
             self._numbers[index] = -1 if found is None else len(self.pictures)
+            self.lost += found is None
             self.pictures += [] if found is None else [found]
         return self._numbers[index]
 

@@ -8,7 +8,7 @@ import numpy as np
 from model._jit import jit
 from model.formats._common import RawMesh, Resources
 from model.formats._text import parse_number, parse_numbers
-from model.meshes.texture import MOST_PICTURES, Picture, picture, texture
+from model.meshes.texture import MOST_PICTURES, Picture, lost_pictures, picture, texture
 from model.types import AnyArray, ByteArray, FloatArray, IntArray
 
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", re.MULTILINE)
@@ -59,6 +59,7 @@ def with_looks(
     of_polygon = np.searchsorted(starts, polygon_starts)  # 0: before any material
     polygons = np.searchsorted(np.cumsum(lengths), places[:, 0], side="right")
     pictures, numbers = _pictures(materials, resources)
+    lost = len({each.picture for each, number in zip(materials, numbers, strict=True) if each.picture and number < 0})
     kinds = [(material.color, number) for material, number in zip(materials, numbers, strict=True)]
     distinct = sorted(set(kinds))
     kind = np.array([distinct.index(each) for each in kinds])[of_polygon][polygons]
@@ -68,7 +69,7 @@ def with_looks(
         coordinates, corners = _laid(data, int(lengths.sum()))
         laid = np.where(np.array([number >= 0 for _, number in distinct])[kind][:, None], corners[places], -1)
         laid[laid >= len(coordinates)] = -1
-    vertices, first, faces = _split(raw.faces, kind, laid, len(distinct), len(coordinates))
+    vertices, first, faces = split_vertices(raw.faces, kind, laid, len(distinct), len(coordinates))
     of_corner, at = kind[first // 3], laid.reshape(-1)[first]
     where = np.where((at >= 0)[:, None], coordinates[at] if len(coordinates) else 0.0, 0.0)
     colors = np.array([color for color, _ in distinct], dtype=np.uint8)[of_corner]
@@ -80,13 +81,22 @@ def with_looks(
         colors=colors if raw.colors is None else raw.colors[vertices],
         texture=texture(where, of_face, pictures),
         painted=False,
+        warnings=(*raw.warnings, *lost_pictures(lost)),
     )
 
 
-def _split(
+def split_vertices(
     faces: IntArray, kind: AnyArray, laid: AnyArray, kinds: int, places: int
 ) -> tuple[AnyArray, AnyArray, IntArray]:
-    """Vertices for every combination of vertex, kind of material and place: of which vertex, at which corner, faces."""
+    """Vertices for every combination of vertex, kind of material and place: of which vertex, at which corner, faces.
+
+    Args:
+        faces: (f, 3); negative where broken.
+        kind: (f,) of the material, less than ``kinds``.
+        laid: (f, 3) which place each corner has, less than ``places``, -1 for none.
+        kinds: how many there are.
+        places: how many there are.
+    """
     broken = (faces < 0).any(axis=1)  # left for others to find
     keys = (faces.astype(np.int64) * kinds + kind[:, None]) * (places + 1) + laid + 1
     keys[broken] = -1

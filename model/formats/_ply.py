@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from model.errors import UnreadableMeshError
-from model.formats._common import Limits, RawMesh, Reader, alone, no_faces, strip, to_float64
+from model.formats._common import Limits, RawMesh, Reader, Resources, no_faces, strip, to_float64
+from model.formats._ply_looks import PlyLooks, has_places, picture_names
 from model.formats._ply_tables import BinaryTable, Element, Lists, Property
 from model.formats._ply_text import LineTable, Table, WordTable
-from model.formats._polygons import triangulate
+from model.formats._polygons import Triangles, triangulate
 from model.formats._text import as_bytes, parse_numbers, unix_lines
 from model.types import AnyArray, ByteArray, IntArray
 
@@ -29,30 +30,34 @@ def is_ply(data: bytes) -> bool:
     return re.match(rb"ply[ \t]*[\r\n]", data) is not None
 
 
-def read_ply(data: bytes, limits: Limits) -> RawMesh:
+def read_ply(data: bytes, limits: Limits, resources: Resources) -> RawMesh:
     """Faces from the element ``face``, which may be any polygons, and from ``tristrips``."""
     order, elements, start = _read_header(data)
+    names = picture_names(data[:start]) if start < _LONGEST_HEADER else []
     for element in elements:
         if element.name == "vertex":
             limits.check(vertices=element.rows)
         elif element.name == "face":
             limits.check(faces=element.rows)
     if order:
-        return _read_elements(elements, BinaryTable(data, start, order), limits)
+        return _read_elements(elements, BinaryTable(data, start, order), limits, names, resources)
     numbers, lines = parse_numbers(as_bytes(unix_lines(data[start:])))
     # Every row has a line of its own. Writers that break lines elsewhere are rarer than those of longer rows.
     table = LineTable(numbers, lines)
     try:
-        raw = _read_elements(elements, table, limits)
+        raw = _read_elements(elements, table, limits, names, resources)
     except UnreadableMeshError:
-        return _read_elements(elements, WordTable(numbers), limits)
+        return _read_elements(elements, WordTable(numbers), limits, names, resources)
     if table.longer:
         warning = f"{table.longer} lines hold more numbers than the PLY header announces; those behind were not read."
         raw = replace(raw, warnings=(*raw.warnings, warning))
     return raw
 
 
-def _read_elements(elements: list[Element], table: Table, limits: Limits) -> RawMesh:
+def _read_elements(
+    elements: list[Element], table: Table, limits: Limits, names: list[str], resources: Resources
+) -> RawMesh:
+    looks = PlyLooks(names if limits.looks else [])
     vertices: AnyArray = np.empty((0, 3))
     colors: ByteArray | None = None
     polygons: list[Lists] = []
@@ -64,22 +69,32 @@ def _read_elements(elements: list[Element], table: Table, limits: Limits) -> Raw
             if min(places) < 0:
                 raise UnreadableMeshError("The PLY file has vertices without x, y or z.")
             tints = [element.find(*names) for names in _COLORS]
+            mark = table.mark()
             found = table.columns(element, [*places, *(place for place in tints if place >= 0)])
             vertices = to_float64(found[:3])
             if min(tints[:3]) >= 0:
                 colors = _colors(found[3:], [element.properties[place].item for place in tints if place >= 0])
+            looks.read_vertices(table, element, mark)
         elif element.name == "face" and wanted >= 0 and element.properties[wanted].count:
+            mark = table.mark()
             polygons.append(table.lists(element, wanted))
+            looks.read_faces(table, element, mark)
         elif element.name == "tristrips" and wanted >= 0 and element.properties[wanted].count:
             faces.extend(_strips(table.lists(element, wanted)))
         else:
             table.skip(element)
     warnings: tuple[str, ...] = ()
+    cut: list[Triangles] = []
     for lists in polygons:  # at the end: the vertices may stand behind them
         triangles = triangulate(vertices, lists.items, lists.lengths, limits)
-        faces.append(triangles.faces)
+        cut.append(triangles)
         warnings += triangles.warnings
-    return RawMesh(vertices, np.concatenate(faces) if faces else no_faces(), warnings=warnings, colors=colors)
+    painted = not limits.looks and bool(names) and any(map(has_places, elements))
+    together = [*faces, *(triangles.faces for triangles in cut)]
+    raw = RawMesh(vertices, np.concatenate(together) if together else no_faces(), None, warnings, colors, None, painted)
+    if len(polygons) != 1 or faces:  # pictures of strips are not heard of
+        return raw
+    return looks.laid_on(raw, polygons[0].lengths, cut[0].places, resources)
 
 
 def _colors(columns: list[AnyArray], kinds: list[str]) -> ByteArray | None:
@@ -136,4 +151,4 @@ def _strips(lists: Lists) -> list[IntArray]:
     return result
 
 
-READERS = {"ply": Reader(alone(read_ply), is_ply, may_be_text=True)}
+READERS = {"ply": Reader(read_ply, is_ply, may_be_text=True)}

@@ -50,6 +50,14 @@ class BinaryTable:
         self._at = start
         self._order = order
 
+    def mark(self) -> tuple[int, int]:
+        """Where the next element starts, to come back to."""
+        return self._at, 0
+
+    def rewind(self, mark: tuple[int, int]) -> None:
+        """Go back to a mark."""
+        self._at = mark[0]
+
     def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
         """The scalar properties at some places; a list counts as an empty column."""
         if any(entry.count for entry in element.properties):

@@ -13,6 +13,14 @@ from model.types import AnyArray, FloatArray
 class Table(Protocol):
     """Hands out the elements of a file in their order."""
 
+    def mark(self) -> tuple[int, int]:
+        """Where the next element starts, to come back to."""
+        ...
+
+    def rewind(self, mark: tuple[int, int]) -> None:
+        """Go back to a mark."""
+        ...
+
     def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
         """The scalar properties at some places; a list counts as an empty column."""
         ...
@@ -39,6 +47,14 @@ class LineTable:
         self._starts = np.append(np.flatnonzero(np.diff(lines, prepend=-1)), len(numbers))
         self._line = 0
         self.longer = 0
+
+    def mark(self) -> tuple[int, int]:
+        """Where the next element starts, to come back to."""
+        return self._line, self.longer
+
+    def rewind(self, mark: tuple[int, int]) -> None:
+        """Go back to a mark."""
+        self._line, self.longer = mark
 
     def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
         """The scalar properties at some places; a list counts as an empty column."""
@@ -133,6 +149,14 @@ class WordTable:
     def __init__(self, numbers: FloatArray) -> None:
         self._numbers = numbers
         self._at = 0
+
+    def mark(self) -> tuple[int, int]:
+        """Where the next element starts, to come back to."""
+        return self._at, 0
+
+    def rewind(self, mark: tuple[int, int]) -> None:
+        """Go back to a mark."""
+        self._at = mark[0]
 
     def columns(self, element: Element, places: list[int]) -> list[AnyArray]:
         """The scalar properties at some places; a list counts as an empty column."""

@@ -8,13 +8,11 @@ import numpy as np
 from model._jit import jit, kernel_array
 from model.errors import MeshTooLargeError
 from model.formats._common import Limits, as_indices
+from model.geometry.straight_corners import signed_areas, with_straight_corners
 from model.types import AnyArray, FloatArray, IntArray
 
 _MOST_CORNERS = 20_000
 """Corners of a polygon that needs ear clipping, the time of which may grow with their square."""
-
-_FLAT = 1e-7
-"""Share of a polygon's area below which a triangle turned over counts as one without area."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,11 +178,13 @@ def _clip_ears(points: FloatArray) -> tuple[IntArray, bool]:
     flat, area = _project(points - points[0])
     count = len(flat)
     ears = mapbox_earcut.triangulate_float64(flat, np.array([count], dtype=np.uint32)).reshape(-1, 3).astype(np.int64)
-    areas = _signed_areas(flat, ears)
+    areas = signed_areas(flat, ears)
     turned = areas < 0.0
     ears[turned] = ears[turned][:, ::-1]
     crosses = abs(float(np.abs(areas).sum()) - area) > 1e-6 * max(float(np.abs(areas).sum()), area)
-    return _with_straight_corners(flat, ears, area)[: count - 2].astype(np.int32), crosses
+    if len(ears) < count - 2:
+        ears = with_straight_corners(flat, ears, np.roll(np.arange(count), -1), area)[: count - 2]
+    return ears.astype(np.int32), crosses
 
 
 def _project(points: FloatArray) -> tuple[FloatArray, float]:
@@ -199,37 +199,3 @@ def _project(points: FloatArray) -> tuple[FloatArray, float]:
     across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     across /= np.linalg.norm(across)
     return np.ascontiguousarray(points @ np.stack([across, np.cross(normal, across)], axis=1)), area / 2.0
-
-
-def _signed_areas(flat: FloatArray, triangles: AnyArray) -> FloatArray:
-    a, b, c = flat[triangles[:, 0]], flat[triangles[:, 1]], flat[triangles[:, 2]]
-    u, v = b - a, c - a
-    return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2.0
-
-
-def _with_straight_corners(flat: FloatArray, ears: AnyArray, area: float) -> AnyArray:
-    """Ear clipping drops corners on straight edges, where neighbours may end: put them back, or there are gaps."""
-    count = len(flat)
-    if len(ears) >= count - 2:
-        return ears
-    edges = {(i, j) for a, b, c in ears.tolist() for i, j in ((a, b), (b, c), (c, a))}
-    result: list[tuple[int, int, int]] = []
-    waiting: list[tuple[int, int, int]] = [(a, b, c) for a, b, c in ears.tolist()]
-    while waiting:
-        triangle = waiting.pop()
-        for turn in range(3):
-            i, j, tip = (triangle[(turn + step) % 3] for step in range(3))
-            middle = (i + 1) % count
-            if middle != j and (j, i) not in edges and _is_on_edge(flat, i, middle, j, area):
-                edges |= {(i, middle), (middle, j), (middle, tip), (tip, middle)}
-                waiting += [(i, middle, tip), (middle, j, tip)]
-                break
-        else:
-            result.append(triangle)
-    return np.array(result, dtype=np.int64).reshape(-1, 3)
-
-
-def _is_on_edge(flat: FloatArray, i: int, middle: int, j: int, area: float) -> bool:
-    along, to = flat[j] - flat[i], flat[middle] - flat[i]
-    off = abs(float(along[0] * to[1] - along[1] * to[0]))
-    return off <= _FLAT * area and 0.0 <= float(along @ to) <= float(along @ along)

@@ -1,19 +1,28 @@
 """Pictures on a surface: carried from a file to what is made of it, never decoded here."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from model.types import AnyArray, BoolArray, IntArray
 
-_SIGNATURES = {"image/png": b"\x89PNG\r\n\x1a\n", "image/jpeg": b"\xff\xd8\xff"}
+_SIGNATURES = {
+    "image/png": re.compile(rb"\x89PNG\r\n\x1a\n"),
+    "image/jpeg": re.compile(rb"\xff\xd8\xff"),
+    "image/webp": re.compile(rb"RIFF.{4}WEBP", re.DOTALL),
+    "image/ktx2": re.compile(rb"\xabKTX 20\xbb\r\n\x1a\n"),
+}
+SIGNATURE_BYTES = 12
+"""How much of a file says which kind of picture it is."""
+
 MOST_PICTURES = 256
 """Of one mesh; faces with further ones have none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A PNG or JPEG file, as it came."""
+    """A file of PNG, JPEG, WebP or KTX2 (with Basis Universal), as it came."""
 
     content: bytes
     media_type: str
@@ -41,9 +50,17 @@ class Texture:
 
 
 def picture(content: bytes | None) -> Picture | None:
-    """A file's content as a picture; None where it is none that every viewer of glTF knows."""
-    kinds = [kind for kind, signature in _SIGNATURES.items() if content and content.startswith(signature)]
+    """A file's content as a picture; None where it is none that glTF has a place for."""
+    kinds = [kind for kind, signature in _SIGNATURES.items() if content and signature.match(content)]
     return Picture(content, kinds[0]) if content and kinds else None
+
+
+def lost_pictures(count: int) -> tuple[str, ...]:
+    """What to tell about pictures that a file names and that could not be read."""
+    if count == 0:
+        return ()
+    which, they = ("A picture", "it is") if count == 1 else (f"{count} pictures", "they are")
+    return (f"{which} of the surface left out: {they} not beside the file, or neither PNG, JPEG, WebP nor KTX2.",)
 
 
 def texture(places: AnyArray, of_face: IntArray, pictures: list[Picture]) -> Texture | None:

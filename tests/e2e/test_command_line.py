@@ -55,7 +55,10 @@ def test_a_service_gives_the_same_answers(server: Server, data: Path, tmp_path: 
 def test_half_and_aligned_copy_are_the_same_from_a_service(server: Server, data: Path, tmp_path: Path) -> None:
     low, high = server.detect("chair.obj", (data / "chair.obj").read_bytes()).json()["mesh"]["bounds"]
     given = ["--normal", "1,0,0", f"--offset={-0.7 * low[0] - 0.3 * high[0]}"]
-    for command, more in (("halve", ["--other"]), ("halve", given), ("align", [])):
+    about = ["--axis", "0,1,0", "--point", "0.1,0,0.2", "--order", "3", "--start", "1,0,0.3", "--open"]
+    for command, more in (
+        ("halve", ["--other"]), ("halve", [*given, "--capped", "--fem"]), ("sector", [*about, "--fem"]), ("align", [])
+    ):  # fmt: skip
         here, there = tmp_path / "here.ply", tmp_path / "there.ply"
         local = prsnet(command, data / "chair.obj", "-o", here, "--overwrite", *more)
         remote = prsnet(command, data / "chair.obj", "-o", there, "--overwrite", "--url", server.url, *more)

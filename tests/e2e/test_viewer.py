@@ -514,12 +514,12 @@ def test_other_downloads(at_home: Visit) -> None:
     page = at_home.page
     contents: dict[str, bytes] = {}
     page.get_by_label("Format of the completed mesh").select_option("ply")
-    for button in ("CSV", "BOP", "Half", "Aligned copy", "Picture"):
+    for button in ("CSV", "BOP", "Half", "Sector", "Aligned copy", "Picture"):
         with page.expect_download() as event:
             page.get_by_role("button", name=button, exact=True).click()
         contents[event.value.suggested_filename] = Path(event.value.path()).read_bytes()
     assert set(contents) == {
-        "nut-symmetries.csv", "nut-symmetries.json", "nut-half.ply", "nut-aligned.ply", "nut.png"
+        "nut-symmetries.csv", "nut-symmetries.json", "nut-half.ply", "nut-sector.ply", "nut-aligned.ply", "nut.png"
     }  # fmt: skip
     assert contents["nut-symmetries.csv"].count(b"plane") >= 7
     assert json.loads(contents["nut-symmetries.json"])["diameter"] > 0
@@ -530,6 +530,30 @@ def test_other_downloads(at_home: Visit) -> None:
     assert np.allclose(whole.bounds.sum(axis=0), 0.0, atol=1e-5 * whole.scale)
     picture = np.asarray(Image.open(BytesIO(contents["nut.png"])).convert("RGB"))
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+
+
+def test_a_sector_comes_with_lines_for_simulation_programs(visit: Callable[..., Visit], server: Server) -> None:
+    at_home = visit(server.url, permissions=["clipboard-read", "clipboard-write"])
+    at_home.choose("Icosahedral star")
+    page = at_home.page
+    page.get_by_label("Format of the completed mesh").select_option("ply")
+    page.get_by_label("close the cuts").check()
+    expect(page.get_by_role("button", name="Copy for CalculiX")).to_be_hidden()
+    with page.expect_download() as event:
+        page.get_by_role("button", name="Sector", exact=True).click()
+    sector = trimesh.load_mesh(event.value.path(), file_type="ply")
+    assert sector.is_watertight
+    expect(page.locator(".outcome")).to_contain_text("one of 5, 72°")
+    page.get_by_role("button", name="Copy for CalculiX").click()
+    expect(page.locator(".toast, [role=status]").first).to_contain_text("CalculiX")
+    assert "*CYCLIC SYMMETRY MODEL, N=5" in page.evaluate("navigator.clipboard.readText()")
+    page.get_by_role("button", name="Copy for FreeCAD").click()
+    page.wait_for_function("navigator.clipboard.readText().then(text => text.includes('tie.Sectors = 5'))")
+    # About a chosen axis: a half turn has two sectors.
+    page.locator(".row", has_text="2-fold").first.locator("button").first.dispatch_event("click")  # folded
+    with page.expect_download():
+        page.get_by_role("button", name="Sector", exact=True).click()
+    expect(page.locator(".outcome")).to_contain_text("one of 2, 180°")
 
 
 def test_a_link_brings_back_an_example_with_its_options(visit: Callable[..., Visit], server: Server) -> None:

@@ -72,6 +72,17 @@ export function meshQuery(
   };
 }
 
+/** The query of `/sector`, about an axis in the input frame, or about the best one if there is none. */
+export function sectorQuery(
+  options: Options,
+  format: string,
+  axis: { direction: Vector; point: Vector; order: number } | null,
+): Record<string, string> {
+  if (!axis) return { format, max_error: String(options.maxError) };
+  const { direction, point, order } = axis;
+  return { format, axis: direction.join(","), point: point.join(","), order: String(order) };
+}
+
 /** The query of `/complete`. */
 export function completeQuery(
   options: Options,

@@ -39,7 +39,7 @@ interface Document {
   nodes: Node[];
   meshes: { primitives: Primitive[] }[];
   materials?: { pbrMetallicRoughness?: { baseColorTexture?: { index: number } } }[];
-  textures?: { source: number }[];
+  textures?: { source?: number; extensions?: Record<string, { source: number }> }[];
   images?: { bufferView: number; mimeType: string }[];
   accessors: {
     bufferView: number;
@@ -151,7 +151,9 @@ function picturesOf(document: Document, binary: ArrayBuffer, primitives: Primiti
   for (const primitive of primitives) {
     const count = cornersIn(document, primitive);
     const used = document.materials?.[primitive.material ?? -1]?.pbrMetallicRoughness?.baseColorTexture;
-    const image = used && document.images?.[document.textures?.[used.index]?.source ?? -1];
+    const texture = used && document.textures?.[used.index];
+    const source = texture?.source ?? Object.values(texture?.extensions ?? {})[0]?.source;
+    const image = document.images?.[source ?? -1];
     if (image) {
       const { byteOffset = 0, byteLength } = document.bufferViews[image.bufferView];
       const content = new Blob([binary.slice(byteOffset, byteOffset + byteLength)], { type: image.mimeType });

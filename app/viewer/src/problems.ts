@@ -44,7 +44,7 @@ const WORDS: Record<string, ProblemWords> = {
   ),
   "empty-mesh": words(
     "There is no surface in the file",
-    "Point clouds and empty scenes have no faces; write a triangle mesh.",
+    "An empty scene has no faces, and too few points are no surface; write a triangle mesh.",
   ),
   "degenerate-mesh": words(
     "The mesh cannot be measured",
@@ -53,6 +53,10 @@ const WORDS: Record<string, ProblemWords> = {
   "no-plane": words(
     "There is no mirror plane to complete it with",
     "Raise the largest error, or choose a plane from the list.",
+  ),
+  "no-axis": words(
+    "There is no rotation axis to cut sectors about",
+    "Raise the largest error, or choose an axis from the list.",
   ),
   "internal-error": words("The service has a defect", "Please report it, with the request id."),
   overloaded: words("The service is busy", "Try again in a moment.", true),

@@ -3,7 +3,7 @@
 import { formats } from "./formats";
 
 /** Formats that keep something in other files. */
-const REFERRING = ["gltf", "obj"];
+const REFERRING = ["gltf", "obj", "ply"];
 const COMPANIONS = ["bin", "mtl", "png", "jpg", "jpeg", "webp"];
 
 /** Read by the service for the one mesh that is in it. */

@@ -75,6 +75,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
         (["complete", chair, "-o", str(tmp_path / "c.ply")], tmp_path / "c.ply"),
         (["halve", chair, "-o", str(tmp_path / "h.ply")], tmp_path / "h.ply"),
         (["align", chair, "-o", str(tmp_path / "l.ply")], tmp_path / "l.ply"),
+        (["sector", chair, "-o", str(tmp_path / "s.ply"), "--axis", "0,1,0", "--order", "4"], tmp_path / "s.ply"),
     ):
         place.write_text("precious")
         result = runner.invoke(app, command)

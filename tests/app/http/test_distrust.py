@@ -233,7 +233,18 @@ _MESH = {
 _UNIT = [[1.0, 0.0, 0.0, 5.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 EDITED: dict[str, dict[str, Any]] = {
     "halve": {
-        "half": {"normal": [1.0, 0.0, 0.0], "offset": 0.0, "detected": True, "side": "positive", "faces": 1},
+        "half": {
+            "normal": [1.0, 0.0, 0.0], "offset": 0.0, "detected": True, "side": "positive", "faces": 1,
+            "points": [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        },
+        "mesh": _MESH, "timings_ms": _EXAMPLE_RESPONSE["timings_ms"],
+    },
+    "sector": {
+        "sector": {
+            "order": 4, "angle": 90.0, "direction": [0.0, 0.0, 1.0], "ends": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            "dependent": {"normal": [0.0, 1.0, 0.0], "offset": 0.0}, "max_distance": 0.0,
+            "independent": {"normal": [1.0, 0.0, 0.0], "offset": 0.0}, "detected": True, "capped": False, "faces": 1,
+        },
         "mesh": _MESH, "timings_ms": _EXAMPLE_RESPONSE["timings_ms"],
     },
     "align": {
@@ -258,6 +269,20 @@ def test_an_honest_edit_passes(task: Any) -> None:
         ("halve", ("half", "faces"), 2),
         ("halve", ("half", "warnings"), ["two\nlines"]),
         ("halve", ("mesh", "filename"), "other.obj"),
+        ("halve", ("half", "capped"), True),
+        ("halve", ("half", "points"), [[1e90, 0.0, 0.0]] * 3),
+        ("halve", ("half", "calculix"), "*INCLUDE, INPUT=/etc/passwd"),
+        ("sector", ("sector", "freecad"), "import os"),
+        ("sector", ("sector", "direction"), [0.0, 0.0, 2.0]),
+        ("sector", ("sector", "dependent", "normal"), [0.0, 0.0, 2.0]),
+        ("sector", ("sector", "independent", "offset"), 1e90),
+        ("sector", ("sector", "ends"), [[0.0, 0.0, 1e90]] * 2),
+        ("sector", ("sector", "order"), 5),
+        ("sector", ("sector", "detected"), False),
+        ("sector", ("sector", "capped"), True),
+        ("sector", ("sector", "faces"), 2),
+        ("sector", ("sector", "max_distance"), 1e90),
+        ("sector", ("sector", "warnings"), ["two\nlines"]),
         ("align", ("alignment", "matrix"), [[1e90, 0.0, 0.0, 0.0], *_UNIT[1:]]),
         ("align", ("alignment", "matrix"), [[2.0, 0.0, 0.0, 0.0], *_UNIT[1:]]),
         ("align", ("alignment", "point_group"), "C1\r\nX: y"),

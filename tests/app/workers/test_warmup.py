@@ -23,7 +23,8 @@ import model
 from app.detection import MeshLimits, Options, parse_and_detect
 from app.workers.warmup import warm_up
 from model import Detector
-from model.completion.mirroring import complete, halve
+from model.completion.halving import halve
+from model.completion.mirroring import complete
 from model.formats.reading import read_mesh
 
 def kernels():

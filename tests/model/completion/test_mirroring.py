@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 from model import Detector
-from model.completion.mirroring import Completed, complete, halve, merged
+from model.completion.halving import halve, merged
+from model.completion.mirroring import Completed, complete
 from model.errors import DegenerateMeshError
 from model.formats.conversion import as_mesh
 from model.geometry.frames import UnitFrame, triangle_areas
@@ -15,10 +16,16 @@ from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.geometry.transforms import reflect
 from model.meshes.mesh import Mesh
+from model.types import FloatArray, IntArray
 from training.evaluation.corruptions import add_noise
 
 DATA = Path(__file__).parents[2] / "data"
 NAMES = ["chair.obj", "table.glb", "stool.3mf", "vase.ply", "barrel.stl"]
+
+
+def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True) -> tuple[FloatArray, IntArray]:
+    half = halve(mesh, plane, positive=positive)
+    return half.vertices, half.faces
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +69,7 @@ def asymmetry(mesh: Mesh, plane: np.ndarray) -> float:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_half_becomes_the_whole_again(name: str, detector: Detector) -> None:
     mesh, plane = shape(name, detector)
-    half = Mesh.checked(*halve(mesh, plane))
+    half = Mesh.checked(*half_of(mesh, plane))
     done = complete(half, plane)
     result = as_result(done)
     assert far_apart(mesh, result) < 1e-3
@@ -110,7 +117,7 @@ def test_border_of_a_hole_that_crosses_the_triangles_of_the_other_side(detector:
     cut = np.array([0.6, 0.5, 0.62, 0.0])
     cut[:3] /= np.linalg.norm(cut[:3])
     cut[3] = -cut[:3] @ UnitFrame.of(mesh.vertices, mesh.faces).center
-    damaged = Mesh.checked(*halve(mesh, cut))
+    damaged = Mesh.checked(*half_of(mesh, cut))
     done = complete(damaged, plane)
     result = as_result(done)
     samples, _ = sample_surface(result.vertices, result.faces, 3000, seed=5)
@@ -149,7 +156,7 @@ def test_halves_are_cut_at_the_plane_and_add_up(name: str, detector: Detector) -
     mesh, plane = shape(name, detector)
     scale = UnitFrame.of(mesh.vertices, mesh.faces).scale
     plane = np.append(plane[:3], plane[3] + 0.07 * scale)  # through the middle of triangles
-    halves = [halve(mesh, plane, positive=side) for side in (True, False)]
+    halves = [half_of(mesh, plane, positive=side) for side in (True, False)]
     for (vertices, faces), sign in zip(halves, (1.0, -1.0), strict=True):
         heights = sign * (vertices @ plane[:3] + plane[3])
         assert heights.min() > -1e-9 * scale
@@ -161,7 +168,7 @@ def test_halves_are_cut_at_the_plane_and_add_up(name: str, detector: Detector) -
 def test_a_plane_that_misses_the_mesh_leaves_nothing_on_one_side(detector: Detector) -> None:
     mesh, _ = shape("chair.obj", detector)
     with pytest.raises(DegenerateMeshError, match="on that side"):
-        halve(mesh, np.array([1.0, 0.0, 0.0, -1e6]))
+        half_of(mesh, np.array([1.0, 0.0, 0.0, -1e6]))
 
 
 def test_what_only_one_side_has_is_added_to_the_other() -> None:
@@ -196,7 +203,7 @@ def glued(other_cut: bool) -> Mesh:
 @pytest.mark.parametrize("other_cut", [False, True])
 @pytest.mark.parametrize("positive", [False, True])
 def test_a_double_wall_in_the_plane_is_kept_once(other_cut: bool, positive: bool) -> None:
-    vertices, faces = halve(glued(other_cut), np.array([1.0, 0, 0, 0]), positive=positive)
+    vertices, faces = half_of(glued(other_cut), np.array([1.0, 0, 0, 0]), positive=positive)
     half = trimesh.Trimesh(vertices, faces, process=False)
     assert half.area == pytest.approx(24.0)
     assert half.is_watertight
@@ -210,4 +217,4 @@ def test_a_copied_wall_is_kept_once_and_a_lone_one_stays() -> None:
     for copies in (1, 2):
         for turned in (wall, wall[:, ::-1]):
             faces = np.concatenate([[[0, 1, 4]], *[turned] * copies])
-            assert len(halve(Mesh.checked(square, faces), plane)[1]) == 3
+            assert len(half_of(Mesh.checked(square, faces), plane)[1]) == 3

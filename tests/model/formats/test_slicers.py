@@ -122,3 +122,25 @@ def test_required_extensions():
     for name in ("booleanoperations/2023/07", "securecontent/2019/04"):
         with pytest.raises(UnsupportedFormatError, match="requires an extension"):
             read_mesh(file(f"http://schemas.3mf.io/3dmanufacturing/{name}"), "a.3mf")
+
+
+@pytest.mark.parametrize("attribute", ["paint_color='8'", "s:mmu_segmentation='4'"])
+def test_colours_painted_in_a_slicer_are_told(attribute):
+    """What is painted with a brush in Bambu Studio, OrcaSlicer and PrusaSlicer is not read, and not lost unsaid."""
+    mesh = XML_TETRAHEDRON.replace(
+        "<triangle ", f"<triangle xmlns:s='http://schemas.slic3r.org/3mf/2017/06' {attribute} ", 1
+    )
+    data = three_mf(f"<object id='1'><mesh>{mesh}</mesh></object>", "<item objectid='1'/>")
+    assert read_mesh(data, "a.3mf").painted
+    assert any("painted on the surface in a slicer" in text for text in read_mesh(data, "a.3mf", looks=True).warnings)
+    plain = three_mf(f"<object id='1'><mesh>{XML_TETRAHEDRON}</mesh></object>", "<item objectid='1'/>")
+    assert not read_mesh(plain, "a.3mf").painted
+    assert not read_mesh(plain, "a.3mf", looks=True).warnings
+
+
+def test_pictures_of_3mf_are_told():
+    space = "xmlns:m='http://schemas.microsoft.com/3dmanufacturing/material/2015/02'"
+    picture = f"<m:texture2d {space} id='9' path='/3D/a.png' contenttype='image/png'/>"
+    data = three_mf(f"{picture}<object id='1'><mesh>{XML_TETRAHEDRON}</mesh></object>", "<item objectid='1'/>")
+    assert read_mesh(data, "a.3mf").painted
+    assert any("pictures on the surface" in text for text in read_mesh(data, "a.3mf", looks=True).warnings)

@@ -1,6 +1,7 @@
 """Materials and pictures: read where they are asked for, carried to what is made of a mesh, written as they came."""
 
 import json
+from base64 import b64encode
 from io import BytesIO
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from app import align, complete, local
+from app import align, complete, editing, local
 from app.outputs.mesh_file import BodyError, Counts, bounds_of
 from app.outputs.registry import MESH_WRITERS
 from model import Detector
@@ -95,7 +96,7 @@ def test_other_programs_see_the_same_pictures(tmp_path: Path) -> None:
 
 def test_half_and_completion_and_aligned_copy_keep_the_pictures() -> None:
     box = laid_box()
-    half = local.half_of(box, np.array([0.0, 1, 0, 0]))
+    half, _ = editing.half_of(box, np.array([0.0, 1, 0, 0]))
     require_laid(half)
     assert half.area == pytest.approx(box.area / 2)
     # The other half is laid with the mirrored picture.
@@ -179,6 +180,49 @@ def test_places_of_gltf(used: dict[str, object], expected: list[list[float]]) ->
     assert np.allclose(read.texture.places[read.faces[0]], expected, atol=1e-6)
     assert read.texture.of_face.tolist() == [0]
     assert read.texture.pictures[0].content == png((1, 2, 3))
+
+
+WEBP = b"RIFF\x04\x00\x00\x00WEBP"
+KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n and more"
+
+
+@pytest.mark.parametrize(
+    ("extension", "kind", "content"),
+    [("EXT_texture_webp", "image/webp", WEBP), ("KHR_texture_basisu", "image/ktx2", KTX2)],
+)
+def test_pictures_of_extensions_are_carried_through(extension: str, kind: str, content: bytes) -> None:
+    document, more = textured_document()
+    uri = f"data:{kind};base64,{b64encode(content).decode()}"
+    more |= {"images": [{"uri": uri}], "textures": [{"extensions": {extension: {"source": 0}}}]}
+    read = document.read({}, looks=True, extensionsUsed=[extension], extensionsRequired=[extension], **more)
+    assert read.texture is not None
+    assert [(each.content, each.media_type) for each in read.texture.pictures] == [(content, kind)]
+    data = written(read)
+    again = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    assert again["extensionsRequired"] == again["extensionsUsed"] == [extension]
+    assert again["textures"] == [{"extensions": {extension: {"source": 0}}}]
+    assert again["images"][0]["mimeType"] == kind
+    back = read_mesh(data, "a.glb", looks=True)
+    assert back.texture is not None
+    assert back.texture.pictures == read.texture.pictures
+    assert not back.warnings
+    # Where there is a picture for everybody it is taken.
+    more["images"].append({"uri": f"data:image/png;base64,{b64encode(png((1, 1, 1))).decode()}"})
+    more["textures"][0]["source"] = 1
+    for_all = document.read({}, looks=True, extensionsUsed=[extension], **more)
+    assert for_all.texture is not None
+    assert for_all.texture.pictures[0].media_type == "image/png"
+
+
+def test_pictures_that_are_lost_are_told(tmp_path: Path) -> None:
+    document, more = textured_document()
+    lost = document.read({}, looks=True, **more | {"images": [{"uri": "elsewhere.png"}]})
+    assert any("A picture of the surface left out" in text for text in lost.warnings)
+    assert not any("left out" in text for text in document.read({}, looks=False, **more).warnings)
+    (tmp_path / "a.mtl").write_text(MTL.format(picture="wood.tga"))
+    (tmp_path / "wood.tga").write_bytes(b"no picture that is known")
+    (tmp_path / "a.obj").write_text(OBJ.format(library="a.mtl"))
+    assert any("A picture of the surface left out" in text for text in as_mesh(tmp_path / "a.obj", looks=True).warnings)
 
 
 def test_broken_looks_of_gltf_cost_the_picture_and_not_the_shape() -> None:
