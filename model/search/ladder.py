@@ -77,6 +77,10 @@ class Ladder:
             if grown or not exact or precision <= settings.modelling_precision:
                 self._extend(tolerance)
             self._note()
+            if precision == settings.modelling_precision and self._group.name != "C1":
+                # The teeth of a gear, before facets of its bore let another order hold as roughly.
+                self._raise_order(min(settings.feature_precision, limit), nearly_round=True)
+                self._note()
         if self._group.name in ("C1", "Ci") or (
             not self._context.meter.closed and self._group.group.principal_order < 3
         ):
@@ -242,7 +246,9 @@ class Ladder:
         if order == 1 and primes.max(initial=2) == 2:
             return False  # half turns are candidates already
         direction, point = line, group.centre
-        samples = context.samples.every(3) if precise else context.judging
+        # Of a shape that is round but for its teeth few samples do not tell orders apart.
+        few = precise and not past_facets and not self._is_nearly_round(line)
+        samples = context.samples.every(3) if few else context.judging
         tried = {order, 1}
         # The axis may be where the line is. Else it is near the one that fits best, which another angle than its own
         # was fitted to: there its order may only show roughly.
