@@ -16,12 +16,21 @@ _NEAR = 0.002
 _FEW = 1.0
 """A point is near so many boxes at most, on average, or the largest are cut smaller."""
 
+_CROWDED = 0.25
+"""Near so many boxes, on average, they overlap so much that the tree has to be split with care: of nine in ten meshes a
+point is near fewer."""
+
 _MOST_CUTS, _CUTS_A_FACE, _FEW_CUTS = 200_000, 20, 2000
 
 
 @jit_allocating
-def references(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Boxes (m, 6), lower x, y, z, upper x, y, z, that cover the triangles, and the face (m,) that each belongs to."""
+def references(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, bool]:
+    """What the tree is built over.
+
+    Returns:
+        boxes (m, 6), lower x, y, z, upper x, y, z, that cover the triangles; the face (m,) that each belongs to; and
+        whether they crowd.
+    """
     count = faces.shape[0]
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for face in range(count):
@@ -46,12 +55,12 @@ def references(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntAr
     for face in range(count):
         owners[face] = face
     if not crowd > _FEW:
-        return boxes, owners
+        return boxes, owners, crowd > _CROWDED
     capacity = count + min(_MOST_CUTS, _CUTS_A_FACE * count + _FEW_CUTS)
     cut_boxes, cut_owners = np.empty((capacity, 6)), np.empty(capacity, dtype=np.int32)
     cut_boxes[:count], cut_owners[:count] = boxes, owners
     count = _cut(vertices, faces, cut_boxes, cut_owners, count, low, extent, scale, crowd, largest)
-    return cut_boxes[:count].copy(), cut_owners[:count].copy()
+    return cut_boxes[:count].copy(), cut_owners[:count].copy(), True
 
 
 @jit

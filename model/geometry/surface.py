@@ -44,8 +44,8 @@ class SurfaceIndex:
             raise ValueError("a surface needs at least one face")
         self._axes = tree_axes(vertices, faces)
         turned = self._turn(vertices)
-        nodes, children, lanes, crowded = _built(turned, faces)
-        if crowded:  # many times the same triangle, perhaps: once will do
+        nodes, children, lanes, coincide = _built(turned, faces)
+        if coincide:  # many times the same triangle, perhaps: once will do
             distinct = np.flatnonzero(distinct_faces(duplicate_vertex_map(vertices), faces))
             if len(distinct) < len(faces):
                 nodes, children, lanes, _ = _built(turned, faces[distinct])
@@ -151,11 +151,11 @@ class SurfaceIndex:
 
 def _built(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray, bool]:
     """Boxes, children and owners as in ``_bvh.Tree``, and whether many triangles had one centre."""
-    boxes, owners = references(vertices, faces)
-    order, cells, cell_boxes, crowded = sort_into_cells(boxes)
-    if len(boxes) > len(faces):  # triangles had to be cut: here splitting down to the leaves saves a third of the work
+    boxes, owners, crowd = references(vertices, faces)
+    order, cells, cell_boxes, coincide = sort_into_cells(boxes)
+    if crowd:  # split down to the leaves: that takes longer, and a query looks into up to a third less
         nodes, children, order, cells = split(boxes.copy(), LANES)
     else:
         nodes, children, numbers, leaves = split(cell_boxes, 1)
         cells = cells[numbers[leaves[:, 0]]]
-    return *with_cells(boxes, owners, order, cells, nodes, children), crowded
+    return *with_cells(boxes, owners, order, cells, nodes, children), coincide
