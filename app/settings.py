@@ -112,7 +112,10 @@ class Settings(BaseSettings):
     spool_bytes: int = Field(
         default=1024 * 1024, ge=0, description="Uploads above this size are kept on disk, not in memory."
     )
-    spool_dir: str | None = Field(default=None, description="Folder for them (default: the system's, as in TMPDIR).")
+    spool_dir: str | None = Field(
+        default=None,
+        description="Folder for them (default: the system's, as in TMPDIR), or `memory`: sealed files in memory.",
+    )
     max_answer_bytes: int = Field(
         default=128 * 1024 * 1024, ge=1024, le=2**31, description="Largest mesh sent back; more is answered with 413."
     )
@@ -140,10 +143,13 @@ class Settings(BaseSettings):
         ge=64 * 1024 * 1024,
         description="Address space a job may use beyond what is loaded (default: 2 GiB, less in a small container).",
     )
-    worker_jobs: int = Field(default=1000, ge=1, description="Jobs after which a worker is replaced by a fresh one.")
-    worker_per_key: bool = Field(
-        default=False,
-        description="Each worker serves one key (without keys: one address) and is replaced before another's turn.",
+    worker_jobs: int = Field(
+        default=1000, ge=1, description="Jobs after which a worker is replaced by a fresh one at the latest."
+    )
+    isolation: Literal["none", "client", "request"] = Field(
+        default="client",
+        description="What a worker serves before it is replaced: any requests, those of one client (one key, or "
+        "without keys one address), or a single one.",
     )
     worker_nice: int = Field(default=5, ge=0, le=19, description="By how much workers give way to the server itself.")
     sandbox: bool = Field(
@@ -181,6 +187,8 @@ class Settings(BaseSettings):
     @field_validator("spool_dir")
     @classmethod
     def _is_a_folder(cls, value: str | None) -> str | None:
+        if value == "memory" and hasattr(os, "memfd_create"):
+            return value
         if value is not None and not (os.path.isdir(value) and os.access(value, os.W_OK | os.X_OK)):
             raise ValueError("there is no such folder, or it cannot be written to")
         return value

@@ -1,6 +1,6 @@
 """What the service survives: hostile files, load beyond its capacity, faults, and a long run. Prints Markdown.
 
-    python benchmarks/reliability.py hostile|load|health|attacks|chaos|soak [--seconds N] [--requests N] [--scale X]
+    python benchmarks/reliability.py PART [--workers N] [--seconds N] [--requests N] [--scale X]
 
 Starts a server of its own with the shipped weights and `--workers` workers (default: 2), on the machine's cores, which
 the clients share.
@@ -22,6 +22,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from app.outputs.registry import MESH_WRITERS
+from benchmarks.meshes import chair
 from tests import load
 from tests.e2e.server import Server, running
 from tests.hostile import CLASSES
@@ -113,6 +115,31 @@ def overload(options: argparse.Namespace) -> None:
                 f"{1e3 * spent / seen.sent:.2f} | {1e3 * seen.client_s / seen.sent:.2f} |",
                 flush=True,
             )
+
+
+def isolation(options: argparse.Namespace) -> None:
+    """What workers of their own cost, for every request (or for clients that never come twice), or one client."""
+    print(
+        "| mesh | `PRSNET_ISOLATION` | one at a time: p50, ms | p99 | slowest "
+        "| all cores: answers/s | processor, ms a request | p50, ms | p99 | slowest |"
+    )
+    print("| --- " * 10 + "|")
+    finer = MESH_WRITERS["stl"].file(*chair(4_608))
+    for title, body in (("260 faces", load.form(*CHAIR)), ("4,608 faces", load.form("chair.stl", finer))):
+        request = load.head(len(body)).removesuffix(b"\r\n") + b"Connection: close\r\n\r\n" + body
+        for mode in ("none", "client", "request"):
+            with serving(options.workers, ISOLATION=mode) as server:
+                load.flood(server.port, request, b'"planes"', 1.0, clients=1)
+                alone = load.flood(server.port, request, b'"planes"', options.seconds / 2, clients=1)
+                spent = load.processor_s_of_all(server.process.pid)
+                many = load.flood(server.port, request, b'"planes"', options.seconds, clients=4 * options.workers)
+                spent = load.processor_s_of_all(server.process.pid) - spent
+                print(
+                    f"| {title} | {mode} | {percentiles(alone.seconds)} | {len(many.seconds) / options.seconds:.1f} | "
+                    f"{1e3 * spent / many.sent:.1f} | {percentiles(many.seconds)} |",
+                    flush=True,
+                )
+                assert set(alone.statuses) == set(many.statuses) == {200}
 
 
 def health(options: argparse.Namespace) -> None:
@@ -262,7 +289,10 @@ def soak(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Parse the command line and run one part."""
-    parts = {"hostile": hostile, "load": overload, "health": health, "attacks": attacks, "chaos": chaos, "soak": soak}
+    parts = {
+        "hostile": hostile, "load": overload, "isolation": isolation, "health": health, "attacks": attacks,
+        "chaos": chaos, "soak": soak,
+    }  # fmt: skip
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)
     parser.add_argument("--workers", type=int, default=2)

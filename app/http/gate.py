@@ -73,8 +73,8 @@ class Gate:
         return any(matches)
 
     def tenant(self, headers: Headers, peer: str) -> str:
-        """Who shares no worker with others: nobody, unless a setting asks for it; then a key, or an address."""
-        if not self._settings.worker_per_key:
+        """Who shares no worker with others: a key, without keys an address; nobody where a setting says so."""
+        if self._settings.isolation == "none":
             return ""
         if not self._key_digests:
             return self.address(headers, peer) or "-"

@@ -98,7 +98,7 @@ def _job(runtime: Runtime, upload: Upload, wanted: dict[str, Any]) -> Job:
         cpu_s=settings.deadline_s,
         size=upload.size,
         parts=[list(part) for part in upload.parts],
-        transport="inline" if upload.file is None else "descriptor",
+        transport="inline" if upload.descriptor is None else "descriptor",
         **wanted,
     )
 

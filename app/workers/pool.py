@@ -1,4 +1,8 @@
-"""Hands jobs to workers: so many at a time, so many waiting, one spare worker ready for when another is killed."""
+"""Hands jobs to workers: so many at a time, so many waiting, spare workers ready for when others are replaced.
+
+No worker serves two clients, unless a setting says that it may: what one of them left in its memory, or made of it,
+another one's files do not meet. Spare workers have served nobody.
+"""
 
 import asyncio
 import json
@@ -16,7 +20,6 @@ from app.workers.wire import Job, SandboxLimits
 from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteClient
 
 logger = logging.getLogger("prsnet")
-_SPARE = 1
 _WATCH_S = 1.0
 _RENEW_S = 60.0
 _CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGABRT, signal.SIGSYS, signal.SIGFPE)
@@ -34,6 +37,9 @@ class WorkerPool:
         self.admitted = 0
         self.running = 0
         self.on_restart: Callable[[str], None] = lambda _: None
+        # Where workers are replaced all the time, each that works has another one ready to follow it.
+        self._spare = 1 if settings.isolation == "none" else settings.workers
+        self._jobs = 1 if settings.isolation == "request" else settings.worker_jobs
         self._launch = launch
         self._factory: ZygoteClient | None = None
         self._turn = asyncio.Semaphore(settings.workers)
@@ -69,7 +75,7 @@ class WorkerPool:
         if self.card.threads > 1:
             logger.warning("workers are forked from a process with %d threads", self.card.threads)
         try:
-            for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + _SPARE)]):
+            for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + self._spare)]):
                 self._welcome(worker)
         except (*_LOST, TimeoutError, wire.WireError) as error:
             raise StartError(f"no worker starts: {error!r}") from error
@@ -77,13 +83,16 @@ class WorkerPool:
         return self.card
 
     async def _watch(self) -> None:
-        """Replace idle workers that are no use any more: stopped ones send no word."""
+        """Replace workers that are no use any more: stopped ones send no word. Their jobs are tried once more."""
         while True:
             await asyncio.sleep(_WATCH_S)
-            for worker in list(self._idle):
-                if worker in self._idle and not worker.silent():
-                    self._idle.remove(worker)
-                    self._discard(worker, "lost")
+            for worker in list(self._live):
+                if worker in self._idle:
+                    if not worker.silent():
+                        self._idle.remove(worker)
+                        self._discard(worker, "lost")
+                elif worker.is_stopped():
+                    worker.end()
 
     def admit(self) -> "QueueSlot":
         """Admit a request.
@@ -228,19 +237,29 @@ class WorkerPool:
     async def _take(self, tenant: str) -> Worker:
         while True:
             while self._idle:
-                # The last one used, of those that know this tenant or nobody; else one that has to go.
-                fitting = [worker for worker in self._idle if worker.tenant in ("", tenant)]
-                worker = (fitting or self._idle)[-1]
+                # The last one used, of those that know this tenant; else of those that know nobody.
+                known = [worker for worker in self._idle if worker.tenant == tenant]
+                fitting = known or [worker for worker in self._idle if not worker.tenant]
+                if not fitting:
+                    self._make_room(0)
+                    continue
+                worker = fitting[-1]
                 self._idle.remove(worker)
                 if not worker.silent():
                     self._discard(worker, "lost")
-                elif fitting:
-                    worker.tenant = tenant
-                    return worker
-                else:
-                    self._discard(worker, "tenant")
+                    continue
+                worker.tenant = tenant
+                self._make_room(self.settings.workers - self.running)
+                return worker
             self._arrival.clear()
             await self._arrival.wait()
+
+    def _make_room(self, most: int) -> None:
+        """Replace idle workers that know a tenant, the longest idle first, until there are at most so many."""
+        known = [worker for worker in self._idle if worker.tenant]
+        for worker in known[: max(len(known) - most, 0)]:
+            self._idle.remove(worker)
+            self._discard(worker, "client")
 
     def _welcome(self, worker: Worker) -> None:
         self._live.add(worker)
@@ -249,7 +268,7 @@ class WorkerPool:
 
     def _give_back(self, worker: Worker) -> None:
         worker.jobs += 1
-        if worker.jobs >= self.settings.worker_jobs:
+        if worker.jobs >= self._jobs:
             self._discard(worker, "recycled")
         elif worker in self._live:
             self._idle.append(worker)

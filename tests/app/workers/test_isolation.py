@@ -34,23 +34,40 @@ async def test_the_process_that_workers_are_forked_from_knows_no_secret(monkeypa
     assert not any(b"secret" in entry or entry.startswith(b"PRSNET_") for entry in known)
 
 
-@pytest.mark.parametrize("separate", [False, True])
-async def test_a_worker_serves_one_key_where_that_is_asked_for(
-    serving: Serving, detector: FakeDetector, chair: bytes, separate: bool
+@pytest.mark.parametrize("isolation", ["none", "client", "request"])
+async def test_no_worker_serves_two_keys_unless_it_may(
+    serving: Serving, detector: FakeDetector, chair: bytes, isolation: str
 ) -> None:
-    settings: dict[str, Any] = {"api_keys": "ann,bob", "worker_per_key": separate, "workers": 1}
-    async with serving(detector, **settings) as (client, runtime):
-        reasons: list[str] = []
-        runtime.pool.on_restart = reasons.append
-        for key in ("ann", "ann", "bob", "bob", "ann"):
+    keys = ["ann", "ann", "bob", "bob", "ann", "cid", "dan", "dan", "eve", "ann"]
+    async with serving(detector, api_keys="ann,bob,cid,dan,eve", isolation=isolation) as (client, runtime):
+        for key in keys:
             files = {"file": ("chair.obj", chair)}
             assert (await client.post("/detect", files=files, headers={"X-API-Key": key})).status_code == 200
         used = [call["pid"] for call in detector.calls]
+        await until(lambda: runtime.pool.live == 2)
+    served = {pid: {key for key, other in zip(keys, used, strict=True) if other == pid} for pid in used}
+    if isolation == "none":
+        assert len(served) == 1
+        return
+    assert all(len(known) == 1 for known in served.values())
+    if isolation == "client":
         assert used[0] == used[1]
         assert used[2] == used[3]
-        assert (used[1] == used[2]) is not separate
-        if separate:
-            assert len({used[0], used[2]}) == 2
+        assert used[6] == used[7]
+    else:
+        assert len(served) == len(keys)
+
+
+async def test_clients_without_keys_are_told_apart_by_their_addresses(
+    serving: Serving, detector: FakeDetector, chair: bytes
+) -> None:
+    async with serving(detector, workers=2, client_address_header="X-Forwarded-For") as (client, _):
+        for address in ("10.0.0.1", "10.0.0.2", "10.0.0.1", "10.0.0.2"):
+            files = {"file": ("chair.obj", chair)}
+            response = await client.post("/detect", files=files, headers={"X-Forwarded-For": f"1.1.1.1, {address}"})
+            assert response.status_code == 200
+        used = [call["pid"] for call in detector.calls]
+    assert used[0] == used[2] != used[1] == used[3]
 
 
 async def test_a_stopped_idle_worker_is_replaced(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
@@ -62,6 +79,23 @@ async def test_a_stopped_idle_worker_is_replaced(serving: Serving, detector: Fak
         assert response.status_code == 200
         await until(lambda: not any(alive(pid) for pid in stopped))
         await until(lambda: runtime.pool.live == 2)
+
+
+async def test_a_worker_stopped_at_work_is_replaced_and_its_job_tried_again(
+    serving: Serving, detector: FakeDetector, chair: bytes
+) -> None:
+    detector.gate.clear()
+    async with serving(detector, workers=1) as (client, runtime):
+        reasons: list[str] = []
+        runtime.pool.on_restart = reasons.append
+        answer = asyncio.create_task(client.post("/detect", files={"file": ("chair.obj", chair)}))
+        await until(lambda: len(detector.calls) == 1)
+        os.kill(detector.calls[0]["pid"], signal.SIGSTOP)
+        await until(lambda: len(detector.calls) == 2)
+        detector.gate.set()
+        assert (await answer).status_code == 200
+        assert reasons == ["lost"]
+        assert not alive(detector.calls[0]["pid"])
 
 
 async def test_a_fork_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch, detector: FakeDetector) -> None:
