@@ -6,7 +6,7 @@ Each field is read from the environment variable of the same name with the prefi
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -49,8 +49,23 @@ def _split(keys: SecretStr) -> list[str]:
     return list(filter(None, (key.strip() for key in keys.get_secret_value().split(","))))
 
 
-def unknown_variables() -> list[str]:
-    """Variables of the environment with the prefix that are no settings: a name with a typo is a limit not set."""
+class UnknownSettingsError(ValueError):
+    """Variables of the environment have the prefix and are no settings: a name with a typo is a limit not set."""
+
+
+def settings_of_environment(**given: Any) -> "Settings":
+    """The environment's settings, and before them what is given: those of a program as people start it.
+
+    Raises:
+        UnknownSettingsError: a variable with the prefix is no setting.
+        pydantic.ValidationError: a value makes no sense.
+    """
+    if unknown := _unknown_variables():
+        raise UnknownSettingsError(f"There are no such settings: {', '.join(unknown)}.")
+    return Settings(**given)
+
+
+def _unknown_variables() -> list[str]:
     return sorted(
         name
         for name in os.environ

@@ -21,7 +21,7 @@ from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteCl
 
 logger = logging.getLogger("prsnet")
 _WATCH_S = 1.0
-_RENEW_S = 60.0
+_RENEW_S = 20.0
 _CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGABRT, signal.SIGSYS, signal.SIGFPE)
 _TRIES = 2
 _REPORT_S = 0.5  # how long to wait for word on how a worker ended
@@ -49,7 +49,7 @@ class WorkerPool:
         self._background_tasks: set[asyncio.Task[None]] = set()
         self._revival = asyncio.Lock()
         self._closed = False
-        self._renewed = -_RENEW_S
+        self._renewed, self._is_renewing = -_RENEW_S, False
         self.card: Card | None = None
 
     @property
@@ -307,13 +307,17 @@ class WorkerPool:
                 pause = min(2 * pause, 5.0)
 
     def _renew(self) -> None:
-        """A worker may have been attacked: have the next ones forked from a new process, whose addresses are others."""
-        now = asyncio.get_running_loop().time()
-        if not self._closed and now >= self._renewed + _RENEW_S:
-            self._renewed = now
-            self._begin(self._renew_zygote())
+        """A worker may have been attacked: have the next ones forked from a new process, whose addresses are others.
 
-    async def _renew_zygote(self) -> None:
+        Not all the time, for it takes seconds of a core: so many in a minute.
+        """
+        if not self._closed and not self._is_renewing:
+            self._is_renewing = True
+            self._begin(self._renew_zygote(self._renewed + _RENEW_S - asyncio.get_running_loop().time()))
+
+    async def _renew_zygote(self, pause: float) -> None:
+        await asyncio.sleep(max(pause, 0.0))
+        self._is_renewing, self._renewed = False, asyncio.get_running_loop().time()
         async with self._revival:
             factory = self._new_zygote()
             try:

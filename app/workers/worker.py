@@ -65,12 +65,18 @@ def _rehearse(
     try:
         _mute()
         pagemap = memory.open_pagemap()
-        _enter(limits)
+        try:
+            _enter(limits)
+        except OSError as error:
+            raise RehearsalError(
+                f"a worker cannot be locked in here (it needs /proc): {error}; PRSNET_SANDBOX=false serves without"
+            ) from error
         name, data = sample_files()[0]
         parse_and_detect(detector, data, name, Options(), MeshLimits())
         answer = wire.READY + json.dumps(memory.written_ranges(pagemap, shared)).encode()
-    except BaseException:
-        answer = wire.DEFECT + json.dumps(traceback.format_exc()[-_LONGEST_TRACE:]).encode()
+    except BaseException as error:
+        text = str(error) if isinstance(error, RehearsalError) else traceback.format_exc()[-_LONGEST_TRACE:]
+        answer = wire.DEFECT + json.dumps(text).encode()
     with contextlib.suppress(BaseException):
         while answer:
             answer = answer[os.write(writing, answer) :]

@@ -23,7 +23,7 @@ def environment() -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(ROOT)}
 
 
-@pytest.mark.skipif("PRSNET_CLUSTER" not in os.environ, reason="takes minutes of two cores: make cluster runs it")
+@pytest.mark.skipif("TEST_CLUSTER" not in os.environ, reason="takes minutes of two cores: make cluster runs it")
 @pytest.mark.timeout(600)
 def test_a_machine_lost_half_way_costs_no_row_and_doubles_none(tmp_path: Path) -> None:
     """Files come from an S3-compatible server; one of two machines is killed after the first result file."""

@@ -123,17 +123,20 @@ def _children() -> list[int]:
 
 
 async def test_after_a_crash_workers_come_from_a_new_process(
-    serving: Serving, detector: FakeDetector, chair: bytes
+    serving: Serving, detector: FakeDetector, chair: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("app.workers.pool._RENEW_S", 1.0)
     async with serving(detector, workers=1) as (client, runtime):
         pool = runtime.pool
         former = pool._factory
         pool._renew()
         await until(lambda: pool._factory is not former and pool.live == 2)
         again = pool._factory
-        pool._renew()  # not twice in a minute
+        pool._renew()  # a while later, for they are not made all the time
+        pool._renew()
         await asyncio.sleep(0.1)
         assert pool._factory is again
+        await until(lambda: pool._factory is not again and pool.live == 2)
         assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
 
 
@@ -159,3 +162,30 @@ async def test_without_proc_limits_are_not_left_out(monkeypatch: pytest.MonkeyPa
     with pytest.raises(FileNotFoundError):
         sandbox.limit_resources(1 << 30, strict=True)
     sandbox.limit_resources(1 << 30)
+
+
+async def test_where_a_worker_cannot_be_locked_in_the_service_does_not_start(
+    monkeypatch: pytest.MonkeyPatch, detector: FakeDetector
+) -> None:
+    def missing(*_: Any) -> Any:
+        raise FileNotFoundError(2, "No such file or directory", "/proc/self/statm")
+
+    monkeypatch.setattr(sandbox, "_address_space", missing)  # the processes are forked from this one
+    pool = WorkerPool(Settings(workers=1), forked(detector))
+    with pytest.raises(StartError, match=r"(?s)^a worker cannot be locked in here.*/proc.*PRSNET_SANDBOX=false"):
+        await pool.start()
+    await pool.close()
+    pool = WorkerPool(Settings(workers=1, sandbox=False), forked(detector))
+    await pool.start()
+    await pool.close()
+
+
+@pytest.mark.skipif(not sandbox.available(), reason="needs Linux on x86-64 or ARM64")
+async def test_work_that_the_sandbox_breaks_is_found_at_the_start(
+    monkeypatch: pytest.MonkeyPatch, detector: FakeDetector
+) -> None:
+    monkeypatch.setattr("app.workers.worker.parse_and_detect", lambda *_: Path("/etc/passwd").read_text())
+    pool = WorkerPool(Settings(workers=1), forked(detector))
+    with pytest.raises(StartError, match="PermissionError"):
+        await pool.start()
+    await pool.close()

@@ -97,7 +97,7 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     fit(Recipe.load(toml), prepared, tmp_path / "two", device="cpu")
 
 
-@pytest.mark.skipif(os.environ.get("PRSNET_CLUSTER") != "1", reason="slow: `make cluster` runs it")
+@pytest.mark.skipif(os.environ.get("TEST_CLUSTER") != "1", reason="slow: `make cluster` runs it")
 def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: PreparedSet, tmp_path: Path):
     """`torchrun` starts all processes again, and they go on from the last checkpoint."""
     toml, steps = tmp_path / "recipe.toml", 20
