@@ -38,7 +38,7 @@ bench: $(VENV)/.dev ## time and memory from bytes to symmetries, by size, shape 
 
 soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
 	@TEST_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
-	@for part in hostile load health attacks chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
+	@for part in hostile load isolation health attacks chaos soak; do echo; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
 
 cluster: $(VENV)/.dev ## the tests that start Ray on several nodes, and kill nodes and processes (minutes, on an idle machine)
 	@TEST_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs tests/training/trainer/test_distributed.py -n 0 --timeout 900

@@ -96,6 +96,12 @@ class Settings(BaseSettings):
         le=10_000,
         description="Requests that may wait for a worker; one more is answered with 503.",
     )
+    places_per_client: int | None = Field(
+        default=None,
+        ge=1,
+        description="Requests of one client (one key, or without keys one address) with workers or waiting for them "
+        "(default: three quarters of all there may be).",
+    )
     deadline_s: float = Field(
         default=60.0,
         gt=0,

@@ -8,8 +8,12 @@ the clients share.
 
 import argparse
 import http.client
+import os
+import platform
 import random
+import re
 import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -31,6 +35,16 @@ from tests.hostile import CLASSES
 ROOT = Path(__file__).parents[1]
 CHAIR = ("chair.obj", (ROOT / "tests/data/chair.obj").read_bytes())
 MIXED = [(path.name, path.read_bytes()) for path in sorted((ROOT / "tests/data").iterdir()) if path.suffix != ".md"]
+
+
+def where() -> str:
+    """What was measured on what: revision, processor, cores, and what else the machine does."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=7"]
+    revision = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    cpu = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    busy = " ".join(f"{load:.1f}" for load in os.getloadavg())
+    name = cpu[1] if cpu else platform.processor()
+    return f"at {revision or 'no revision'} on {name}, {os.cpu_count()} cores; load average before: {busy}"
 
 
 @contextmanager
@@ -171,19 +185,21 @@ def attacks(options: argparse.Namespace) -> None:
     live = b"GET /health/live HTTP/1.1\r\nHost: t\r\n\r\n"
     schema = b"GET /openapi.json HTTP/1.1\r\nHost: t\r\n\r\n"
     trickle = load.head(1_000_000) + body[:200]
+    costly = next(load.form(name, data) for name, data in CLASSES["crossing"](1.0) if name == "crossing10000.ply")
     print("| attack | server before, MB | at most | `/health`: p50, ms | p99 | slowest | meshes: 200 | other |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    for title, count, start, again in (
-        ("40 connections pipeline `/health/live`", 40, live * 7000, live * 1000),
-        ("10 connections pipeline `/openapi.json`", 10, schema * 4000, schema * 1000),
-        ("64 uploads of a byte a second", 64, trickle, b"v"),
-        ("1,200 idle connections", 1200, b"", b""),
+    for title, count, start, again, before_s in (
+        ("40 connections pipeline `/health/live`", 40, live * 7000, live * 1000, 1.5),
+        ("10 connections pipeline `/openapi.json`", 10, schema * 4000, schema * 1000, 1.5),
+        ("64 uploads of a byte a second", 64, trickle, b"v", 1.5),
+        ("1,200 idle connections", 1200, b"", b"", 1.5),
+        ("18 meshes of 10,000 crossing faces at once", 18, load.head(len(costly)) + costly, b"", 0.0),
     ):
         with serving(options.workers) as server:
             tally, seconds, statuses = load.Tally(), list[float](), Counter[int]()
             before = most = load.resident_kb(server.process.pid)
             attackers = [attack(server.port, start) for _ in range(count)]
-            time.sleep(1.5)  # attackers are told from others by then
+            time.sleep(before_s)  # attackers are told from others by then
             honest = load.Background(
                 lambda port=server.port, tally=tally: load.count(port, body, tally, is_chair), 0.05
             )
@@ -300,6 +316,7 @@ def main() -> None:
     parser.add_argument("--requests", type=int, default=20_000, help="of the soak (default: 20000)")
     parser.add_argument("--scale", type=float, default=1.0, help="of the hostile files (default: 1)")
     options = parser.parse_args()
+    print(f"`{options.part}` {where()}\n", flush=True)
     parts[options.part](options)
 
 

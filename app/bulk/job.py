@@ -23,6 +23,7 @@ _ray: Any = import_module("ray")
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Ray tells nobody that it is used
     "RAY_BACKEND_LOG_LEVEL": "fatal",  # what goes wrong is told by rows, and by this module
+    "RAY_gcs_server_port_wait_time_s": "120",  # a busy machine needs more than the 20 that Ray gives itself
 }
 _STARTS = 3
 _CORES_AN_ACTOR = 4

@@ -68,6 +68,8 @@ def bulk(
         if weights.endswith(".safetensors"):
             weights = str(Path(weights).absolute())
         settings = settings_of_environment(weights=weights).model_dump(exclude={"api_keys", "workers"})
+        if settings["isolation"] == "client":
+            settings["isolation"] = "none"  # all files are one client's: no worker need be spared for another's
     except (LocationError, AnotherRunError, CheckpointError, ValidationError, UnknownSettingsError) as error:
         raise typer.BadParameter(str(error)) from error
     console = Console(stderr=True, highlight=False)

@@ -7,19 +7,22 @@ another one's files do not meet. Spare workers have served nobody.
 import asyncio
 import json
 import logging
+import math
 import platform
 import signal
 from collections.abc import Callable, Coroutine
-from types import TracebackType
+from contextlib import AbstractContextManager
 
 from app.problems import OVERLOADED, ProblemError
 from app.settings import Settings
 from app.workers import sandbox, verify, wire
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
+from app.workers.turns import Places, Turns
 from app.workers.wire import Job, SandboxLimits
 from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteClient
 
 logger = logging.getLogger("prsnet")
+_SHARE = 0.75  # of all places one client may have, unless a setting says how many
 _WATCH_S = 1.0
 _RENEW_S = 20.0
 _CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGABRT, signal.SIGSYS, signal.SIGFPE)
@@ -33,8 +36,8 @@ class WorkerPool:
 
     def __init__(self, settings: Settings, launch: Launch) -> None:
         self.settings = settings
-        self.capacity = settings.workers + settings.queue
-        self.admitted = 0
+        capacity = settings.workers + settings.queue
+        self.places = Places(capacity, settings.places_per_client or math.ceil(_SHARE * capacity))
         self.running = 0
         self.on_restart: Callable[[str], None] = lambda _: None
         # Where workers are replaced all the time, each that works has another one ready to follow it.
@@ -42,7 +45,7 @@ class WorkerPool:
         self._jobs = 1 if settings.isolation == "request" else settings.worker_jobs
         self._launch = launch
         self._factory: ZygoteClient | None = None
-        self._turn = asyncio.Semaphore(settings.workers)
+        self._turns = Turns(settings.workers)
         self._idle: list[Worker] = []
         self._live: set[Worker] = set()
         self._arrival = asyncio.Event()
@@ -51,6 +54,11 @@ class WorkerPool:
         self._closed = False
         self._renewed, self._is_renewing = -_RENEW_S, False
         self.card: Card | None = None
+
+    @property
+    def admitted(self) -> int:
+        """Requests that are worked on or wait for it."""
+        return len(self.places)
 
     @property
     def live(self) -> int:
@@ -94,49 +102,50 @@ class WorkerPool:
                 elif worker.is_stopped():
                     worker.end()
 
-    def admit(self) -> "QueueSlot":
-        """Admit a request.
+    def admit(self, client: str = "") -> AbstractContextManager[None]:
+        """Admit a request; its place is free again as soon as the context ends.
 
         Raises:
             ProblemError: ``overloaded`` (503, with ``Retry-After``).
         """
-        self.require_room()
-        self.admitted += 1
-        return QueueSlot(self)
+        self.require_room(client)
+        return self.places.one(client)
 
-    def require_room(self) -> None:
-        """Return if a request would be admitted now.
+    def require_room(self, client: str = "") -> None:
+        """Return if a request of this client would be admitted now.
 
         Raises:
             ProblemError: ``overloaded`` (503, with ``Retry-After``).
         """
-        if self.admitted >= self.capacity:
+        if not self.places.has_room(client):
             raise ProblemError(OVERLOADED, OVERLOADED.example, {"Retry-After": "1"})
 
     async def run(
-        self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None, tenant: str = ""
+        self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None, client: str = ""
     ) -> verify.Answer:
         """The answer to a job about a file: its bytes, or a descriptor. When cancelled, the work ends at once.
 
-        ``on_turn`` is called when the waiting is over. A worker that served another ``tenant`` is not used.
+        ``on_turn`` is called when the waiting is over. A worker that served another ``client`` is not used, unless a
+        setting allows it.
 
         Raises:
             model.errors.MeshError: the worker reports it.
             WorkerLostError, TookTooLongError, OutOfMemoryError, DefectError: there is no answer, and why.
         """
-        async with self._turn:
-            self.running += 1
+        await self._turns.take(client)
+        self.running += 1
+        try:
             on_turn()
-            try:
-                for _ in range(_TRIES):
-                    worker = await self._take(tenant)
-                    try:
-                        return await self._run_job(worker, job, data)
-                    except _LOST:
-                        await self._account_for(worker)
-                raise WorkerLostError
-            finally:
-                self.running -= 1
+            for _ in range(_TRIES):
+                worker = await self._take("" if self.settings.isolation == "none" else client)
+                try:
+                    return await self._run_job(worker, job, data)
+                except _LOST:
+                    await self._account_for(worker)
+            raise WorkerLostError
+        finally:
+            self.running -= 1
+            self._turns.give_back()
 
     async def close(self) -> None:
         """End all processes."""
@@ -370,18 +379,3 @@ class WorkerPool:
         logger.error("the process that workers are forked from ended")
         self.on_restart("zygote")
         self._begin(self._revive())
-
-
-class QueueSlot:
-    """A request's slot in the pool, a context manager. It is free again as soon as the request is over."""
-
-    def __init__(self, pool: WorkerPool) -> None:
-        self._pool = pool
-
-    def __enter__(self) -> "QueueSlot":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._pool.admitted -= 1
