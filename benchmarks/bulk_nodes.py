@@ -14,27 +14,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 os.environ.setdefault("RAY_gcs_server_port_wait_time_s", "120")  # on a busy machine
+os.environ.setdefault("RAY_worker_register_timeout_seconds", "240")
 os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}  # for all processes of this run
 
 ROOT = Path(__file__).parents[1]
-STARTS = 4
-
-
-def add_node(cluster: Any, **options: Any) -> Any:
-    """One more node. Ray gives each 30 s to start, which a busy machine may not keep; another try finds files read."""
-    for attempt in range(STARTS):
-        try:
-            # Only names and counts are in the object store.
-            return cluster.add_node(num_cpus=1, object_store_memory=100 << 20, **options)
-        except Exception as error:  # Ray raises plain ones
-            if attempt == STARTS - 1:
-                raise
-            print(f"a node did not start, trying again: {error}", file=sys.stderr)
-    raise AssertionError
+sys.path.insert(0, str(ROOT))
 
 
 def main() -> int:
@@ -48,9 +35,12 @@ def main() -> int:
 
     from ray.cluster_utils import Cluster
 
-    cluster = Cluster(initialize_head=False)
-    add_node(cluster, include_dashboard=False)  # the head
-    others = [add_node(cluster) for _ in range(options.nodes - 1)]
+    from app.bulk.job import patient_start
+
+    node = {"num_cpus": 1, "object_store_memory": 100 << 20}  # which holds names and counts only
+    with patient_start():
+        cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+        others = [cluster.add_node(**node) for _ in range(options.nodes - 1)]
     began = time.perf_counter()
     killed_with = None
     try:
