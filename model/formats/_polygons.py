@@ -17,6 +17,7 @@ _MOST_CORNERS = 20_000
 _MOST_CORNERS_OF_ANY = 100_000
 """Corners of any polygon: a fan of so many slivers is found too complex in the end, after seconds of work."""
 
+
 @dataclass(frozen=True, slots=True)
 class Triangles:
     """What became of polygons.
