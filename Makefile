@@ -37,11 +37,11 @@ bench: $(VENV)/.dev ## time and memory from bytes to symmetries, by size, shape 
 	@$(BIN)/python -m benchmarks.performance $(ARGS)
 
 soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
-	@PRSNET_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
-	@for part in hostile load health attacks chaos soak; do echo "== $$part"; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
+	@TEST_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
+	@for part in hostile load isolation health attacks chaos soak; do echo; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
 
 cluster: $(VENV)/.dev ## the tests that start Ray on several nodes, and kill nodes and processes (minutes, on an idle machine)
-	@PRSNET_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs tests/training/trainer/test_distributed.py -n 0 --timeout 900
+	@TEST_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs tests/training/trainer/test_distributed.py -n 0 --timeout 900
 
 audit: $(VENV)/.dev ## known vulnerabilities of the pinned dependencies
 	@$(BIN)/python .ci/audit.py

@@ -16,17 +16,15 @@ fi
 port=${PORT:-18080}
 image=localhost/prsnet:check
 state=$(mktemp -d /var/tmp/prsnet-container.XXXXXX)
+base=${BASE_IMAGE:-}
 container=
-twins=()
-proxy=
+compose=(true)
 
 finish() {
-  local code=$? name
-  if [ -n "$proxy" ]; then kill "$proxy" 2>/dev/null && wait "$proxy" || true; fi
-  for name in $container "${twins[@]}"; do
-    if [ "$code" != 0 ]; then podman logs "$name" 2>&1 | tail -n 40 || true; fi
-    podman rm -f "$name" >/dev/null 2>&1 || true
-  done
+  local code=$?
+  if [ -n "$container" ] && [ "$code" != 0 ]; then podman logs "$container" 2>&1 | tail -n 40 || true; fi
+  if [ -n "$container" ]; then podman rm -f "$container" >/dev/null 2>&1 || true; fi
+  "${compose[@]}" down >/dev/null 2>&1 || true
   # what a container held is let go of a moment after it has been removed
   for _ in $(seq 50); do
     if ! mountpoint -q "$state/graph/overlay"; then break; fi
@@ -40,17 +38,13 @@ step() { echo "container check: [$SECONDS s] $*"; }
 
 install_engine() {
   local missing=() name
-  for name in podman runc slirp4netns mmdebstrap curl; do
+  for name in podman podman-compose runc slirp4netns mmdebstrap curl iptables; do
     command -v "$name" >/dev/null || missing+=("$name")
   done
-  if [ ! -x /usr/sbin/nginx ]; then missing+=(nginx-light); fi
+  for name in netavark aardvark-dns; do  # networks of containers, and their names in them
+    [ -x "/usr/lib/podman/$name" ] || missing+=("$name")
+  done
   if [ "${#missing[@]}" = 0 ]; then return; fi
-  # nginx is run here with a configuration of our own; the package must not start one
-  if [ ! -e /usr/sbin/policy-rc.d ]; then
-    printf '#!/bin/sh\nexit 101\n' >/usr/sbin/policy-rc.d
-    chmod +x /usr/sbin/policy-rc.d
-    trap 'rm -f /usr/sbin/policy-rc.d' RETURN
-  fi
   apt-get update -qq
   DEBIAN_FRONTEND=noninteractive apt-get install -yqq --no-install-recommends "${missing[@]}" >"$state/apt.log" 2>&1 ||
     { tail -n 20 "$state/apt.log"; fail "could not install ${missing[*]}"; }
@@ -62,7 +56,8 @@ configure_engine() {
   printf '[storage]\ndriver = "overlay"\ngraphroot = "%s/graph"\nrunroot = "%s/run"\n' "$state" "$state" \
     >"$state/storage.conf"
   printf '%s\n' '[containers]' 'default_ulimits = ["nofile=4096:4096", "nproc=4096:4096"]' \
-    '[engine]' 'runtime = "runc"' 'cgroup_manager = "cgroupfs"' 'events_logger = "file"' >"$state/containers.conf"
+    '[engine]' 'runtime = "runc"' 'cgroup_manager = "cgroupfs"' 'events_logger = "file"' \
+    '[network]' 'network_backend = "netavark"' "network_config_dir = \"$state/networks\"" >"$state/containers.conf"
   export CONTAINERS_STORAGE_CONF=$state/storage.conf CONTAINERS_CONF=$state/containers.conf
   export DISABLE_HC_SYSTEMD=true TMPDIR=$state
 }
@@ -88,7 +83,7 @@ lend_pip_settings() {
 }
 
 build() {
-  local base=${BASE_IMAGE:-} lent=()
+  local lent=()
   if [ -z "$base" ]; then
     base=localhost/python:base
     make_base "$base"
@@ -171,22 +166,35 @@ PYTHON
   podman inspect -f '{{index .Config.Labels "org.opencontainers.image.title"}}' "$image" | grep -qx prsnet || fail "no labels"
 }
 
-# deploy/nginx.conf as it is, but for the addresses of the two instances and its own port.
-behind_proxy() {
-  local i public=$((port + 10)) run=()
+# deploy/compose.yaml as it is, with an nginx image made here; an instance is killed under load, and comes back.
+composed() {
+  local public=$((port + 10)) killed=deploy_prsnet-1_1 began=$SECONDS
+  printf 'FROM %s\nRUN apt-get update -qq && apt-get install -yqq --no-install-recommends nginx-light\n' "$base" \
+    >"$state/Nginxfile"
+  podman build -q --layers=false --network host -t localhost/nginx:check -f "$state/Nginxfile" "$state" >"$state/build.log" 2>&1 ||
+    { tail -n 40 "$state/build.log"; fail "no image with nginx"; }
+  podman tag "$image" localhost/prsnet:latest
   # no answer is kept: each request has a worker busy when an instance is killed
-  for i in 1 2; do twins+=("$(run_image "$((port + i))" -e PRSNET_CACHE_BYTES=0)"); done
-  for i in 1 2; do await_healthy "$((port + i))" "${twins[$((i - 1))]}"; done
-  sed -e "s/prsnet-1:8000/127.0.0.1:$((port + 1))/; s/prsnet-2:8000/127.0.0.1:$((port + 2))/" \
-    -e "s/listen 8080/listen 127.0.0.1:$public/; s#/tmp/nginx#$state/nginx#" deploy/nginx.conf >"$state/nginx.conf"
-  chmod 755 "$state"
-  /usr/sbin/nginx -c "$state/nginx.conf" -g 'daemon off; user root;' 2>"$state/nginx.log" &
-  proxy=$!
-  sleep 1
-  run=(python3 benchmarks/proxy_kill.py "http://127.0.0.1:$public" tests/data/chair.obj --seconds 9)
-  "${run[@]}" --kill "podman kill -s KILL ${twins[0]}" >"$state/killed" ||
-    { cat "$state/killed" "$state/nginx.log"; fail "a request was lost with an instance"; }
+  printf 'services: {prsnet-1: &i {environment: {PRSNET_CACHE_BYTES: "0"}}, prsnet-2: *i}\n' >"$state/no-cache.yaml"
+  export NGINX_IMAGE=localhost/nginx:check PORT=$public
+  compose=(podman-compose -f deploy/compose.yaml -f "$state/no-cache.yaml")
+  "${compose[@]}" up -d >"$state/compose.log" 2>&1 || { cat "$state/compose.log"; fail "compose.yaml does not start"; }
+  until curl -fsS -m 2 "http://127.0.0.1:$public/health" >/dev/null 2>&1 &&
+    [ "$(podman logs "$killed" deploy_prsnet-2_1 2>&1 | grep -c '"ready: ')" = 2 ]; do
+    if [ "$((SECONDS - began))" -gt 90 ]; then cat "$state/compose.log"; fail "compose.yaml: not ready after 90 s"; fi
+    sleep 0.5
+  done
+  step "compose.yaml: two instances and a proxy are ready"
+  python3 benchmarks/proxy_kill.py "http://127.0.0.1:$public" tests/data/chair.obj --seconds 9 \
+    --kill "kill -KILL $(podman inspect -f '{{.State.Pid}}' "$killed")" >"$state/killed" ||
+    { cat "$state/killed"; podman logs deploy_proxy_1; fail "a request was lost with an instance"; }
   step "one of two instances killed under load: $(cat "$state/killed")"
+  began=$SECONDS
+  until [ "$(podman inspect -f '{{.State.Running}}' "$killed")" = true ]; do
+    if [ "$((SECONDS - began))" -gt 30 ]; then fail "the instance that was killed does not come back"; fi
+    sleep 0.5
+  done
+  step "the instance that was killed runs again"
   head -c 70000000 /dev/zero >"$state/large.stl"
   curl -sS -m 60 -F "file=@$state/large.stl" "http://127.0.0.1:$public/detect" >"$state/refused"
   grep -q 'problems/upload-too-large' "$state/refused" || fail "a large upload got: $(head -c 300 "$state/refused")"
@@ -200,6 +208,6 @@ start
 hardened
 described
 detects
-behind_proxy
+composed
 stops
 step "passed"

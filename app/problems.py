@@ -108,7 +108,10 @@ INTERNAL = ProblemType(
     "This is a defect of the service. Report it with the request id.",
 )  # fmt: skip
 OVERLOADED = ProblemType(
-    "overloaded", 503, "Overloaded", "All workers are busy and the queue is full. Try again in a second."
+    "overloaded",
+    503,
+    "Overloaded",
+    "All workers are busy, and the queue is full or your share of it is. Try again in a second.",
 )
 UPLOADS_FULL = ProblemType(
     "overloaded", 503, "Overloaded",

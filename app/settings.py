@@ -6,7 +6,7 @@ Each field is read from the environment variable of the same name with the prefi
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -49,8 +49,23 @@ def _split(keys: SecretStr) -> list[str]:
     return list(filter(None, (key.strip() for key in keys.get_secret_value().split(","))))
 
 
-def unknown_variables() -> list[str]:
-    """Variables of the environment with the prefix that are no settings: a name with a typo is a limit not set."""
+class UnknownSettingsError(ValueError):
+    """Variables of the environment have the prefix and are no settings: a name with a typo is a limit not set."""
+
+
+def settings_of_environment(**given: Any) -> "Settings":
+    """The environment's settings, and before them what is given: those of a program as people start it.
+
+    Raises:
+        UnknownSettingsError: a variable with the prefix is no setting.
+        pydantic.ValidationError: a value makes no sense.
+    """
+    if unknown := _unknown_variables():
+        raise UnknownSettingsError(f"There are no such settings: {', '.join(unknown)}.")
+    return Settings(**given)
+
+
+def _unknown_variables() -> list[str]:
     return sorted(
         name
         for name in os.environ
@@ -80,6 +95,12 @@ class Settings(BaseSettings):
         ge=0,
         le=10_000,
         description="Requests that may wait for a worker; one more is answered with 503.",
+    )
+    places_per_client: int | None = Field(
+        default=None,
+        ge=1,
+        description="Requests of one client (one key, or without keys one address) with workers or waiting for them "
+        "(default: three quarters of all there may be).",
     )
     deadline_s: float = Field(
         default=60.0,
@@ -112,7 +133,10 @@ class Settings(BaseSettings):
     spool_bytes: int = Field(
         default=1024 * 1024, ge=0, description="Uploads above this size are kept on disk, not in memory."
     )
-    spool_dir: str | None = Field(default=None, description="Folder for them (default: the system's, as in TMPDIR).")
+    spool_dir: str | None = Field(
+        default=None,
+        description="Folder for them (default: the system's, as in TMPDIR), or `memory`: sealed files in memory.",
+    )
     max_answer_bytes: int = Field(
         default=128 * 1024 * 1024, ge=1024, le=2**31, description="Largest mesh sent back; more is answered with 413."
     )
@@ -140,10 +164,13 @@ class Settings(BaseSettings):
         ge=64 * 1024 * 1024,
         description="Address space a job may use beyond what is loaded (default: 2 GiB, less in a small container).",
     )
-    worker_jobs: int = Field(default=1000, ge=1, description="Jobs after which a worker is replaced by a fresh one.")
-    worker_per_key: bool = Field(
-        default=False,
-        description="Each worker serves one key (without keys: one address) and is replaced before another's turn.",
+    worker_jobs: int = Field(
+        default=1000, ge=1, description="Jobs after which a worker is replaced by a fresh one at the latest."
+    )
+    isolation: Literal["none", "client", "request"] = Field(
+        default="client",
+        description="What a worker serves before it is replaced: any requests, those of one client (one key, or "
+        "without keys one address), or a single one.",
     )
     worker_nice: int = Field(default=5, ge=0, le=19, description="By how much workers give way to the server itself.")
     sandbox: bool = Field(
@@ -181,6 +208,8 @@ class Settings(BaseSettings):
     @field_validator("spool_dir")
     @classmethod
     def _is_a_folder(cls, value: str | None) -> str | None:
+        if value == "memory" and hasattr(os, "memfd_create"):
+            return value
         if value is not None and not (os.path.isdir(value) and os.access(value, os.W_OK | os.X_OK)):
             raise ValueError("there is no such folder, or it cannot be written to")
         return value

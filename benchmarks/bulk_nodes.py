@@ -16,10 +16,12 @@ import time
 from pathlib import Path
 
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-os.environ.setdefault("RAY_raylet_start_wait_time_s", "120")  # on a busy machine
+os.environ.setdefault("RAY_gcs_server_port_wait_time_s", "120")  # on a busy machine
+os.environ.setdefault("RAY_worker_register_timeout_seconds", "240")
 os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}  # for all processes of this run
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
 
 
 def main() -> int:
@@ -33,9 +35,12 @@ def main() -> int:
 
     from ray.cluster_utils import Cluster
 
+    from app.bulk.job import patient_start
+
     node = {"num_cpus": 1, "object_store_memory": 100 << 20}  # which holds names and counts only
-    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
-    others = [cluster.add_node(**node) for _ in range(options.nodes - 1)]
+    with patient_start():
+        cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+        others = [cluster.add_node(**node) for _ in range(options.nodes - 1)]
     began = time.perf_counter()
     killed_with = None
     try:

@@ -1,6 +1,6 @@
 """What the service survives: hostile files, load beyond its capacity, faults, and a long run. Prints Markdown.
 
-    python benchmarks/reliability.py hostile|load|health|attacks|chaos|soak [--seconds N] [--requests N] [--scale X]
+    python benchmarks/reliability.py PART [--workers N] [--seconds N] [--requests N] [--scale X]
 
 Starts a server of its own with the shipped weights and `--workers` workers (default: 2), on the machine's cores, which
 the clients share.
@@ -8,8 +8,12 @@ the clients share.
 
 import argparse
 import http.client
+import os
+import platform
 import random
+import re
 import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -22,6 +26,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from app.outputs.registry import MESH_WRITERS
+from benchmarks.meshes import chair
 from tests import load
 from tests.e2e.server import Server, running
 from tests.hostile import CLASSES
@@ -29,6 +35,16 @@ from tests.hostile import CLASSES
 ROOT = Path(__file__).parents[1]
 CHAIR = ("chair.obj", (ROOT / "tests/data/chair.obj").read_bytes())
 MIXED = [(path.name, path.read_bytes()) for path in sorted((ROOT / "tests/data").iterdir()) if path.suffix != ".md"]
+
+
+def where() -> str:
+    """What was measured on what: revision, processor, cores, and what else the machine does."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=7"]
+    revision = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    cpu = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    busy = " ".join(f"{load:.1f}" for load in os.getloadavg())
+    name = cpu[1] if cpu else platform.processor()
+    return f"at {revision or 'no revision'} on {name}, {os.cpu_count()} cores; load average before: {busy}"
 
 
 @contextmanager
@@ -115,6 +131,31 @@ def overload(options: argparse.Namespace) -> None:
             )
 
 
+def isolation(options: argparse.Namespace) -> None:
+    """What workers of their own cost, for every request (or for clients that never come twice), or one client."""
+    print(
+        "| mesh | `PRSNET_ISOLATION` | one at a time: p50, ms | p99 | slowest "
+        "| all cores: answers/s | processor, ms a request | p50, ms | p99 | slowest |"
+    )
+    print("| --- " * 10 + "|")
+    finer = MESH_WRITERS["stl"].file(*chair(4_608))
+    for title, body in (("260 faces", load.form(*CHAIR)), ("4,608 faces", load.form("chair.stl", finer))):
+        request = load.head(len(body)).removesuffix(b"\r\n") + b"Connection: close\r\n\r\n" + body
+        for mode in ("none", "client", "request"):
+            with serving(options.workers, ISOLATION=mode) as server:
+                load.flood(server.port, request, b'"planes"', 1.0, clients=1)
+                alone = load.flood(server.port, request, b'"planes"', options.seconds / 2, clients=1)
+                spent = load.processor_s_of_all(server.process.pid)
+                many = load.flood(server.port, request, b'"planes"', options.seconds, clients=4 * options.workers)
+                spent = load.processor_s_of_all(server.process.pid) - spent
+                print(
+                    f"| {title} | {mode} | {percentiles(alone.seconds)} | {len(many.seconds) / options.seconds:.1f} | "
+                    f"{1e3 * spent / many.sent:.1f} | {percentiles(many.seconds)} |",
+                    flush=True,
+                )
+                assert set(alone.statuses) == set(many.statuses) == {200}
+
+
 def health(options: argparse.Namespace) -> None:
     """Latency of the probes while all workers are busy and a 100 MB upload runs."""
     print("| while | probes | statuses | p50, ms | p99 | slowest |\n| --- | --- | --- | --- | --- | --- |")
@@ -144,19 +185,26 @@ def attacks(options: argparse.Namespace) -> None:
     live = b"GET /health/live HTTP/1.1\r\nHost: t\r\n\r\n"
     schema = b"GET /openapi.json HTTP/1.1\r\nHost: t\r\n\r\n"
     trickle = load.head(1_000_000) + body[:200]
-    print("| attack | server before, MB | at most | `/health`: p50, ms | p99 | slowest | meshes: 200 | other |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    for title, count, start, again in (
-        ("40 connections pipeline `/health/live`", 40, live * 7000, live * 1000),
-        ("10 connections pipeline `/openapi.json`", 10, schema * 4000, schema * 1000),
-        ("64 uploads of a byte a second", 64, trickle, b"v"),
-        ("1,200 idle connections", 1200, b"", b""),
+    costly = next(load.form(name, data) for name, data in CLASSES["crossing"](1.0) if name == "crossing10000.ply")
+    crossing = load.head(len(costly)).removesuffix(b"\r\n") + b"X-Forwarded-For: 192.0.2.1\r\n\r\n" + costly
+    print(
+        "| attack | server before, MB | at most | `/health`: p50, ms | p99 | slowest "
+        "| meshes: 200 | other | p50, ms | p99 | slowest |\n" + "| --- " * 11 + "|"
+    )
+    for title, count, start, again, before_s in (
+        ("40 connections pipeline `/health/live`", 40, live * 7000, live * 1000, 1.5),
+        ("10 connections pipeline `/openapi.json`", 10, schema * 4000, schema * 1000, 1.5),
+        ("64 uploads of a byte a second", 64, trickle, b"v", 1.5),
+        ("1,200 idle connections", 1200, b"", b"", 1.5),
+        ("18 connections of another address send 10,000 crossing faces again and again", 18, crossing, crossing, 1.5),
     ):
-        with serving(options.workers) as server:
+        # What is queued in the end must not keep the server from ending.
+        special = {"CLIENT_ADDRESS_HEADER": "X-Forwarded-For", "DEADLINE_S": "10"} if start is crossing else {}
+        with serving(options.workers, **special) as server:
             tally, seconds, statuses = load.Tally(), list[float](), Counter[int]()
             before = most = load.resident_kb(server.process.pid)
             attackers = [attack(server.port, start) for _ in range(count)]
-            time.sleep(1.5)  # attackers are told from others by then
+            time.sleep(before_s)  # attackers are told from others by then
             honest = load.Background(
                 lambda port=server.port, tally=tally: load.count(port, body, tally, is_chair), 0.05
             )
@@ -174,7 +222,7 @@ def attacks(options: argparse.Namespace) -> None:
             served = tally.statuses["200"]
             print(
                 f"| {title} | {before / 1024:.0f} | {most / 1024:.0f} | {percentiles(seconds)} | {served} | "
-                f"{tally.sent - served} |",
+                f"{tally.sent - served} | {percentiles(tally.seconds)} |",
                 flush=True,
             )
 
@@ -262,7 +310,10 @@ def soak(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Parse the command line and run one part."""
-    parts = {"hostile": hostile, "load": overload, "health": health, "attacks": attacks, "chaos": chaos, "soak": soak}
+    parts = {
+        "hostile": hostile, "load": overload, "isolation": isolation, "health": health, "attacks": attacks,
+        "chaos": chaos, "soak": soak,
+    }  # fmt: skip
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)
     parser.add_argument("--workers", type=int, default=2)
@@ -270,6 +321,7 @@ def main() -> None:
     parser.add_argument("--requests", type=int, default=20_000, help="of the soak (default: 20000)")
     parser.add_argument("--scale", type=float, default=1.0, help="of the hostile files (default: 1)")
     options = parser.parse_args()
+    print(f"`{options.part}` {where()}\n", flush=True)
     parts[options.part](options)
 
 

@@ -261,7 +261,12 @@ def flood(
     return flooder.result
 
 
-def processor_s(pid: int) -> float:
-    """Processor time that a process has used, without its children."""
+def processor_s(pid: int, *, ended: bool = False) -> float:
+    """Processor time that a process has used, without its children, or with those that have ended."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, fields[11 : 15 if ended else 13])) / os.sysconf("SC_CLK_TCK")
+
+
+def processor_s_of_all(server: int) -> float:
+    """Processor time that a server and all processes below it have used, those that have ended among them."""
+    return sum(processor_s(pid, ended=True) for pid in (server, *processes(server)))

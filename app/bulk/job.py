@@ -7,6 +7,7 @@ was working on and nothing that it had finished, and no memory grows with the nu
 
 import logging
 import os
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -23,8 +24,10 @@ _ray: Any = import_module("ray")
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",  # Ray tells nobody that it is used
     "RAY_BACKEND_LOG_LEVEL": "fatal",  # what goes wrong is told by rows, and by this module
+    "RAY_gcs_server_port_wait_time_s": "120",  # a busy machine needs more than the 20 that Ray gives itself
+    "RAY_worker_register_timeout_seconds": "240",  # and than these 60
 }
-_STARTS = 3
+_START_S = 180.0
 _CORES_AN_ACTOR = 4
 _OBJECT_STORE = 128 << 20  # only names and counts are in it
 _AHEAD = 2  # pieces at a time an actor has: its workers need not wait while the last file of one is worked on
@@ -74,19 +77,44 @@ def connected(address: str | None, cores: int) -> Generator[Cluster]:
 
 
 def _initialise(options: dict[str, Any]) -> None:
-    """Start or find Ray. A busy machine may not start it in the half minute that Ray gives itself, hence several tries.
+    """Start or find Ray.
 
     Raises:
         ConnectionError: it is not there.
     """
-    for attempt in range(_STARTS):
-        try:
+    try:
+        with patient_start():
             _ray.init(**options)
-            return
-        except Exception as error:  # Ray raises plain ones
-            _ray.shutdown()
-            if attempt == _STARTS - 1:
-                raise ConnectionError(f"Ray does not start: {error}") from error
+    except Exception as error:  # Ray raises plain ones
+        _ray.shutdown()
+        raise ConnectionError(f"Ray does not start: {error}") from error
+
+
+@contextmanager
+def patient_start() -> Generator[None]:
+    """Give Ray minutes to start a node, where it gives itself half of one, which a busy machine does not keep.
+
+    No setting says so: what looks for the node is made to look for longer. Starting again instead would leave the
+    processes of the first try running beside those of the second.
+    """
+    services: Any = import_module("ray._private.services")
+    look = services.get_node
+
+    def look_for_longer(*arguments: Any, **options: Any) -> Any:
+        end = time.monotonic() + _START_S
+        while True:
+            try:
+                return look(*arguments, **options)
+            except RuntimeError:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(0.2)
+
+    services.get_node = look_for_longer
+    try:
+        yield
+    finally:
+        services.get_node = look
 
 
 def run(task: Task, inputs: list[Input], cluster: Cluster, on_progress: Callable[[Progress], None]) -> int:

@@ -53,7 +53,7 @@ def bulk(
     from app.bulk.locations import LocationError, Store
     from app.bulk.results import AnotherRunError, Results
     from app.bulk.summary import print_summary, summarise
-    from app.settings import Settings, available_cores
+    from app.settings import UnknownSettingsError, available_cores, settings_of_environment
     from model.errors import CheckpointError
     from model.network.checkpoint import load_checkpoint
 
@@ -67,8 +67,10 @@ def bulk(
         results.claim(question)
         if weights.endswith(".safetensors"):
             weights = str(Path(weights).absolute())
-        settings = Settings(weights=weights).model_dump(exclude={"api_keys", "workers"})
-    except (LocationError, AnotherRunError, CheckpointError, ValidationError) as error:
+        settings = settings_of_environment(weights=weights).model_dump(exclude={"api_keys", "workers"})
+        if settings["isolation"] == "client":
+            settings["isolation"] = "none"  # all files are one client's: no worker need be spared for another's
+    except (LocationError, AnotherRunError, CheckpointError, ValidationError, UnknownSettingsError) as error:
         raise typer.BadParameter(str(error)) from error
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:

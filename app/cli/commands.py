@@ -74,15 +74,15 @@ def serve(
 
     from app.http import server
     from app.http.tracing import TracingNotInstalledError
-    from app.settings import Settings, unknown_variables
+    from app.settings import UnknownSettingsError, settings_of_environment
 
-    if unknown := unknown_variables():
-        raise typer.BadParameter(f"There are no such settings: {', '.join(unknown)}.")
     given: dict[str, Any] = {
         "host": host, "port": port, "workers": workers, "weights": weights, "log_level": log_level
     }  # fmt: skip
     try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})
+        settings = settings_of_environment(**{name: value for name, value in given.items() if value is not None})
+    except UnknownSettingsError as error:
+        raise typer.BadParameter(str(error)) from error
     except ValidationError as error:
         # Environment variables may be at fault as well as options, so both names are given.
         faults = [f"{item['loc'][0]} (PRSNET_{str(item['loc'][0]).upper()}): {item['msg']}" for item in error.errors()]

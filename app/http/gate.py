@@ -36,17 +36,17 @@ Headers = Sequence[tuple[bytes, bytes]]
 class Arrival:
     """A request that was let in and has no place yet. It counts as one in the queue, but for a moment only."""
 
-    def __init__(self, gate: "Gate") -> None:
-        self._gate = gate
+    def __init__(self, gate: "Gate", client: str) -> None:
+        self._gate, self._client = gate, client
         self._is_counted = True
-        gate.arriving += 1
+        gate.arriving[client] += 1
         self._timer = asyncio.get_running_loop().call_later(_ARRIVING_S, self.end)
 
     def end(self) -> None:
         """It has a place, or needs none, or is too slow to be reckoned with."""
         if self._is_counted:
             self._is_counted = False
-            self._gate.arriving -= 1
+            self._gate.arriving -= Counter({self._client: 1})
             self._timer.cancel()
 
 
@@ -54,7 +54,7 @@ class Gate:
     """What one server lets in; all of its connections ask it."""
 
     def __init__(self, settings: Settings, pool: WorkerPool, metrics: Metrics) -> None:
-        self.arriving = 0
+        self.arriving = Counter[str]()
         self.slots = UploadSlots(settings.uploads, settings.uploads_per_address, settings.upload_bytes_per_s)
         self._settings = settings
         self._key_digests = [hashlib.sha256(key.encode()).digest() for key in settings.keys]
@@ -72,19 +72,16 @@ class Gate:
         matches = [hmac.compare_digest(digest, key) for key in self._key_digests]
         return any(matches)
 
-    def tenant(self, headers: Headers, peer: str) -> str:
-        """Who shares no worker with others: nobody, unless a setting asks for it; then a key, or an address."""
-        if not self._settings.worker_per_key:
-            return ""
+    def client(self, headers: Headers, peer: str) -> str:
+        """Who has a share of the queue and shares no worker with others: a key, or without keys an address."""
         if not self._key_digests:
             return self.address(headers, peer) or "-"
         return hashlib.sha256(self._given(headers)).hexdigest()
 
     def owner(self, headers: Headers, peer: str) -> str:
-        """Whose answers are kept apart from others': a key's where there are keys, else as `tenant`."""
-        if self._key_digests:
-            return hashlib.sha256(self._given(headers)).hexdigest()
-        return self.tenant(headers, peer)
+        """Whose answers are kept apart from others': a client's, unless there are no keys and workers are shared."""
+        shared = self._settings.isolation == "none" and not self._key_digests
+        return "" if shared else self.client(headers, peer)
 
     def address(self, headers: Headers, peer: str) -> str:
         """Whose request it is: the peer's, or what the proxy in front says, where a setting trusts its header."""
@@ -105,7 +102,7 @@ class Gate:
             return None  # it knows better how to say it
         if not self.knows(headers):
             return self._answer(path, headers, problems.UNAUTHORIZED, "www-authenticate: Bearer")
-        if self._pool.admitted + self.arriving >= self._pool.capacity:
+        if not self._pool.places.has_room(self.client(headers, peer), self.arriving):
             return self._answer(path, headers, problems.OVERLOADED, "retry-after: 1")
         if not self.slots.has_room(self.address(headers, peer)):
             return self._answer(path, headers, problems.UPLOADS_FULL, "retry-after: 1")

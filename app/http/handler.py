@@ -67,8 +67,8 @@ def _arrived(request: Request) -> None:
 async def _process(request: Request, runtime: Runtime, variant: str, wanted: dict[str, Any]) -> Outcome:
     settings = runtime.settings
     _ = runtime.card  # refused with not-ready before anything is read, and a full queue likewise
-    runtime.pool.require_room()
     peer = request.client.host if request.client is not None else ""
+    runtime.pool.require_room(runtime.gate.client(request.headers.raw, peer))
     slot = runtime.gate.slots.take(runtime.gate.address(request.headers.raw, peer))
     if slot is None:
         raise ProblemError(OVERLOADED, UPLOADS_FULL.example, {"Retry-After": "1"})
@@ -98,7 +98,7 @@ def _job(runtime: Runtime, upload: Upload, wanted: dict[str, Any]) -> Job:
         cpu_s=settings.deadline_s,
         size=upload.size,
         parts=[list(part) for part in upload.parts],
-        transport="inline" if upload.file is None else "descriptor",
+        transport="inline" if upload.descriptor is None else "descriptor",
         **wanted,
     )
 
@@ -121,16 +121,16 @@ async def _cached(request: Request, runtime: Runtime, upload: Upload, job: Job, 
 
 
 async def _computed(request: Request, runtime: Runtime, upload: Upload, job: Job, peer: str) -> Answer:
-    tenant = runtime.gate.tenant(request.headers.raw, peer)
+    client = runtime.gate.client(request.headers.raw, peer)
     spent = stages(request)
     began = time.perf_counter()
 
     def begin() -> None:
         spent["queue"] = _since(began)
 
-    with runtime.pool.admit():
+    with runtime.pool.admit(client):
         _arrived(request)
-        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin, tenant))
+        result = await _unless_gone(request, runtime.pool.run(job, upload.source, begin, client))
     timings = result.content.timings_ms
     for name in ("parse", "voxelize", "infer", "refine"):
         spent[name] = getattr(timings, name)

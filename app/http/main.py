@@ -11,7 +11,7 @@ from app import __version__, edit_schemas, problems
 from app.http import answer_cache, auth, openapi, pages, routes, tracing
 from app.http.middleware import HEADER, RequestContext
 from app.http.runtime import Runtime
-from app.settings import Settings
+from app.settings import Settings, settings_of_environment
 from app.workers.zygote_client import Launch
 
 logger = logging.getLogger("prsnet")
@@ -22,7 +22,7 @@ def create_app(settings: Settings | None = None, launch: Launch | None = None) -
 
     ``launch`` starts the process that workers are forked from, instead of one that loads ``settings.weights``.
     """
-    settings = settings or Settings()
+    settings = settings or settings_of_environment()
     runtime = Runtime(settings, launch)
     trace, end_traces = tracing.tracer() if settings.otel else (None, lambda: None)
 

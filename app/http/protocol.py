@@ -218,7 +218,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
                 self.cycle.transport = _Lingering(self)  # type: ignore[assignment]
                 self.scope["abort"] = self.transport.abort  # type: ignore[typeddict-unknown-key]
                 if gate.guards(method, path):
-                    self.scope["arrival"] = Arrival(gate)  # type: ignore[typeddict-unknown-key]
+                    self.scope["arrival"] = Arrival(gate, gate.client(self.headers, self.address))  # type: ignore[typeddict-unknown-key]
                 return
             self._is_refused = True
             left = self._left

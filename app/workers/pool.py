@@ -1,24 +1,30 @@
-"""Hands jobs to workers: so many at a time, so many waiting, one spare worker ready for when another is killed."""
+"""Hands jobs to workers: so many at a time, so many waiting, spare workers ready for when others are replaced.
+
+No worker serves two clients, unless a setting says that it may: what one of them left in its memory, or made of it,
+another one's files do not meet. Spare workers have served nobody.
+"""
 
 import asyncio
 import json
 import logging
+import math
 import platform
 import signal
 from collections.abc import Callable, Coroutine
-from types import TracebackType
+from contextlib import AbstractContextManager
 
 from app.problems import OVERLOADED, ProblemError
 from app.settings import Settings
 from app.workers import sandbox, verify, wire
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
+from app.workers.turns import Places, Turns
 from app.workers.wire import Job, SandboxLimits
 from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteClient
 
 logger = logging.getLogger("prsnet")
-_SPARE = 1
+_SHARE = 0.75  # of all places one client may have, unless a setting says how many
 _WATCH_S = 1.0
-_RENEW_S = 60.0
+_RENEW_S = 20.0
 _CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGABRT, signal.SIGSYS, signal.SIGFPE)
 _TRIES = 2
 _REPORT_S = 0.5  # how long to wait for word on how a worker ended
@@ -30,21 +36,29 @@ class WorkerPool:
 
     def __init__(self, settings: Settings, launch: Launch) -> None:
         self.settings = settings
-        self.capacity = settings.workers + settings.queue
-        self.admitted = 0
+        capacity = settings.workers + settings.queue
+        self.places = Places(capacity, settings.places_per_client or math.ceil(_SHARE * capacity))
         self.running = 0
         self.on_restart: Callable[[str], None] = lambda _: None
+        # Where workers are replaced all the time, each that works has another one ready to follow it.
+        self._spare = 1 if settings.isolation == "none" else settings.workers
+        self._jobs = 1 if settings.isolation == "request" else settings.worker_jobs
         self._launch = launch
         self._factory: ZygoteClient | None = None
-        self._turn = asyncio.Semaphore(settings.workers)
+        self._turns = Turns(settings.workers)
         self._idle: list[Worker] = []
         self._live: set[Worker] = set()
         self._arrival = asyncio.Event()
         self._background_tasks: set[asyncio.Task[None]] = set()
         self._revival = asyncio.Lock()
         self._closed = False
-        self._renewed = -_RENEW_S
+        self._renewed, self._is_renewing = -_RENEW_S, False
         self.card: Card | None = None
+
+    @property
+    def admitted(self) -> int:
+        """Requests that are worked on or wait for it."""
+        return len(self.places)
 
     @property
     def live(self) -> int:
@@ -69,7 +83,7 @@ class WorkerPool:
         if self.card.threads > 1:
             logger.warning("workers are forked from a process with %d threads", self.card.threads)
         try:
-            for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + _SPARE)]):
+            for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + self._spare)]):
                 self._welcome(worker)
         except (*_LOST, TimeoutError, wire.WireError) as error:
             raise StartError(f"no worker starts: {error!r}") from error
@@ -77,57 +91,61 @@ class WorkerPool:
         return self.card
 
     async def _watch(self) -> None:
-        """Replace idle workers that are no use any more: stopped ones send no word."""
+        """Replace workers that are no use any more: stopped ones send no word. Their jobs are tried once more."""
         while True:
             await asyncio.sleep(_WATCH_S)
-            for worker in list(self._idle):
-                if worker in self._idle and not worker.silent():
-                    self._idle.remove(worker)
-                    self._discard(worker, "lost")
+            for worker in list(self._live):
+                if worker in self._idle:
+                    if not worker.silent():
+                        self._idle.remove(worker)
+                        self._discard(worker, "lost")
+                elif worker.is_stopped():
+                    worker.end()
 
-    def admit(self) -> "QueueSlot":
-        """Admit a request.
-
-        Raises:
-            ProblemError: ``overloaded`` (503, with ``Retry-After``).
-        """
-        self.require_room()
-        self.admitted += 1
-        return QueueSlot(self)
-
-    def require_room(self) -> None:
-        """Return if a request would be admitted now.
+    def admit(self, client: str = "") -> AbstractContextManager[None]:
+        """Admit a request; its place is free again as soon as the context ends.
 
         Raises:
             ProblemError: ``overloaded`` (503, with ``Retry-After``).
         """
-        if self.admitted >= self.capacity:
+        self.require_room(client)
+        return self.places.one(client)
+
+    def require_room(self, client: str = "") -> None:
+        """Return if a request of this client would be admitted now.
+
+        Raises:
+            ProblemError: ``overloaded`` (503, with ``Retry-After``).
+        """
+        if not self.places.has_room(client):
             raise ProblemError(OVERLOADED, OVERLOADED.example, {"Retry-After": "1"})
 
     async def run(
-        self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None, tenant: str = ""
+        self, job: Job, data: bytes | int, on_turn: Callable[[], None] = lambda: None, client: str = ""
     ) -> verify.Answer:
         """The answer to a job about a file: its bytes, or a descriptor. When cancelled, the work ends at once.
 
-        ``on_turn`` is called when the waiting is over. A worker that served another ``tenant`` is not used.
+        ``on_turn`` is called when the waiting is over. A worker that served another ``client`` is not used, unless a
+        setting allows it.
 
         Raises:
             model.errors.MeshError: the worker reports it.
             WorkerLostError, TookTooLongError, OutOfMemoryError, DefectError: there is no answer, and why.
         """
-        async with self._turn:
-            self.running += 1
+        await self._turns.take(client)
+        self.running += 1
+        try:
             on_turn()
-            try:
-                for _ in range(_TRIES):
-                    worker = await self._take(tenant)
-                    try:
-                        return await self._run_job(worker, job, data)
-                    except _LOST:
-                        await self._account_for(worker)
-                raise WorkerLostError
-            finally:
-                self.running -= 1
+            for _ in range(_TRIES):
+                worker = await self._take("" if self.settings.isolation == "none" else client)
+                try:
+                    return await self._run_job(worker, job, data)
+                except _LOST:
+                    await self._account_for(worker)
+            raise WorkerLostError
+        finally:
+            self.running -= 1
+            self._turns.give_back()
 
     async def close(self) -> None:
         """End all processes."""
@@ -228,19 +246,29 @@ class WorkerPool:
     async def _take(self, tenant: str) -> Worker:
         while True:
             while self._idle:
-                # The last one used, of those that know this tenant or nobody; else one that has to go.
-                fitting = [worker for worker in self._idle if worker.tenant in ("", tenant)]
-                worker = (fitting or self._idle)[-1]
+                # The last one used, of those that know this tenant; else of those that know nobody.
+                known = [worker for worker in self._idle if worker.tenant == tenant]
+                fitting = known or [worker for worker in self._idle if not worker.tenant]
+                if not fitting:
+                    self._make_room(0)
+                    continue
+                worker = fitting[-1]
                 self._idle.remove(worker)
                 if not worker.silent():
                     self._discard(worker, "lost")
-                elif fitting:
-                    worker.tenant = tenant
-                    return worker
-                else:
-                    self._discard(worker, "tenant")
+                    continue
+                worker.tenant = tenant
+                self._make_room(self.settings.workers - self.running)
+                return worker
             self._arrival.clear()
             await self._arrival.wait()
+
+    def _make_room(self, most: int) -> None:
+        """Replace idle workers that know a tenant, the longest idle first, until there are at most so many."""
+        known = [worker for worker in self._idle if worker.tenant]
+        for worker in known[: max(len(known) - most, 0)]:
+            self._idle.remove(worker)
+            self._discard(worker, "client")
 
     def _welcome(self, worker: Worker) -> None:
         self._live.add(worker)
@@ -249,7 +277,7 @@ class WorkerPool:
 
     def _give_back(self, worker: Worker) -> None:
         worker.jobs += 1
-        if worker.jobs >= self.settings.worker_jobs:
+        if worker.jobs >= self._jobs:
             self._discard(worker, "recycled")
         elif worker in self._live:
             self._idle.append(worker)
@@ -288,13 +316,17 @@ class WorkerPool:
                 pause = min(2 * pause, 5.0)
 
     def _renew(self) -> None:
-        """A worker may have been attacked: have the next ones forked from a new process, whose addresses are others."""
-        now = asyncio.get_running_loop().time()
-        if not self._closed and now >= self._renewed + _RENEW_S:
-            self._renewed = now
-            self._begin(self._renew_zygote())
+        """A worker may have been attacked: have the next ones forked from a new process, whose addresses are others.
 
-    async def _renew_zygote(self) -> None:
+        Not all the time, for it takes seconds of a core: so many in a minute.
+        """
+        if not self._closed and not self._is_renewing:
+            self._is_renewing = True
+            self._begin(self._renew_zygote(self._renewed + _RENEW_S - asyncio.get_running_loop().time()))
+
+    async def _renew_zygote(self, pause: float) -> None:
+        await asyncio.sleep(max(pause, 0.0))
+        self._is_renewing, self._renewed = False, asyncio.get_running_loop().time()
         async with self._revival:
             factory = self._new_zygote()
             try:
@@ -347,18 +379,3 @@ class WorkerPool:
         logger.error("the process that workers are forked from ended")
         self.on_restart("zygote")
         self._begin(self._revive())
-
-
-class QueueSlot:
-    """A request's slot in the pool, a context manager. It is free again as soon as the request is over."""
-
-    def __init__(self, pool: WorkerPool) -> None:
-        self._pool = pool
-
-    def __enter__(self) -> "QueueSlot":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._pool.admitted -= 1

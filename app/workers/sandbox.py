@@ -11,6 +11,7 @@ import platform
 import resource
 import struct
 import sys
+from collections.abc import Sequence
 
 _PR_SET_SECCOMP, _PR_SET_NO_NEW_PRIVS = 22, 38
 _MODE_FILTER = 2
@@ -24,7 +25,7 @@ _MORE_FILES = 2
 _ALWAYS = """
 read 0 63, write 1 64, readv 19 65, writev 20 66, pread64 17 67, close 3 57, fstat 5 80, lseek 8 62, dup 32 23,
 poll 7 -, ppoll 271 73, select 23 -, pselect6 270 72, epoll_wait 232 -,
-mmap 9 222, mprotect 10 226, munmap 11 215, brk 12 214, mremap 25 216, mincore 27 232, madvise 28 233,
+mmap 9 222, mprotect 10 226, munmap 11 215, brk 12 214, mremap 25 216, mincore 27 232,
 get_mempolicy 239 236,
 rt_sigaction 13 134, rt_sigprocmask 14 135, rt_sigreturn 15 139, sigaltstack 131 132, restart_syscall 219 128,
 sched_yield 24 124, getcpu 309 168,
@@ -44,6 +45,10 @@ tgkill 234 131, sched_getaffinity 204 123, sched_getparam 143 121, sched_getsche
 _FCNTL = "fcntl 72 25"
 _FCNTL_COMMANDS = (0, 1, 2, 3, 1030)
 _F_SETFL, _O_ASYNC = 4, 0x2000
+# Advice on memory: what allocators give (not needed, free, huge pages or none), and copies ahead. None that reaches
+# pages others share: as root one can have them taken out of use.
+_MADVISE = "madvise 28 233"
+_ADVICE = (4, 8, 14, 15, 23)
 # Its own limit on processor time may be set, before each job; others only read: who may do more could take them off.
 _LIMITS = "prlimit64 302 261"
 # Place in the tables, and name for the kernel's audit interface.
@@ -124,12 +129,20 @@ def _program(pid: int) -> bytes:
         *[(_RETURN, 0, 0, _ALLOW), (_RETURN, 0, 0, _EPERM)],
     ]
     steps += [(_IF_EQUAL, 0, len(limits), number), *limits]
+    (number,) = _numbers(_MADVISE, column)
+    advice = [*_allowed(_ADVICE), (_RETURN, 0, 0, _EPERM)]
+    steps += [(_IF_EQUAL, 0, 1 + len(advice), number), (_LOAD, 0, 0, _THIRD), *advice]
     (number,) = _numbers(_FCNTL, column)
-    commands = [step for command in _FCNTL_COMMANDS for step in ((_IF_EQUAL, 0, 1, command), (_RETURN, 0, 0, _ALLOW))]
+    commands = _allowed(_FCNTL_COMMANDS)
     flags = [(_IF_EQUAL, 0, 3, _F_SETFL), (_LOAD, 0, 0, _THIRD), (_IF_ANY_BIT, 1, 0, _O_ASYNC), (_RETURN, 0, 0, _ALLOW)]
     steps += [(_IF_EQUAL, 0, 1 + len(commands) + len(flags), number), (_LOAD, 0, 0, _SECOND), *commands, *flags]
     steps.append((_RETURN, 0, 0, _EPERM))
     return b"".join(struct.pack("HBBI", *step) for step in steps)
+
+
+def _allowed(values: Sequence[int]) -> list[tuple[int, int, int, int]]:
+    """Steps that allow the call if what was loaded is one of these."""
+    return [step for value in values for step in ((_IF_EQUAL, 0, 1, value), (_RETURN, 0, 0, _ALLOW))]
 
 
 def _set(limit: int, value: int) -> None:

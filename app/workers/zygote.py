@@ -18,14 +18,14 @@ import signal
 import socket
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType
 
 from app.detection import SymmetryDetector, load_detector
-from app.workers import wire
+from app.workers import memory, wire
 from app.workers.warmup import warm_up
 from app.workers.wire import SandboxLimits
-from app.workers.worker import run_worker
+from app.workers.worker import RehearsalError, rehearse, run_worker
 from model.errors import CheckpointError
 from model.formats import FORMATS
 
@@ -38,14 +38,15 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
     try:
         detector = load()
         warm_up(detector)
+        gc.collect()
+        gc.freeze()  # the collector would write to pages that are shared with the workers
+        written = rehearse(detector, limits)
     except Exception as error:
-        expected = isinstance(error, CheckpointError)  # its message says all; anything else is a defect
+        expected = isinstance(error, (CheckpointError, RehearsalError))  # its message says all; else it is a defect
         text = str(error) if expected else traceback.format_exc()
         with contextlib.suppress(ConnectionError):
             control.sendall(wire.json_frame(wire.FAILED, text[-wire.SMALL // 2 :]))
         return
-    gc.collect()
-    gc.freeze()  # the collector would write to pages that are shared with the workers
     gc.enable()
     card = {
         "name": detector.name,
@@ -59,7 +60,7 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
     children: set[int] = set()
     try:
         with contextlib.suppress(ConnectionError):
-            _fork_on_request(control, detector, limits, children)
+            _fork_on_request(control, detector, limits, written, children)
     finally:
         for child in children:
             with contextlib.suppress(ProcessLookupError):
@@ -67,7 +68,11 @@ def serve(control: socket.socket, load: Callable[[], SymmetryDetector], limits: 
 
 
 def _fork_on_request(
-    control: socket.socket, detector: SymmetryDetector, limits: SandboxLimits, children: set[int]
+    control: socket.socket,
+    detector: SymmetryDetector,
+    limits: SandboxLimits,
+    written: Sequence[memory.Range],
+    children: set[int],
 ) -> None:
     wake, woken = socket.socketpair()
     woken.setblocking(False)
@@ -92,7 +97,7 @@ def _fork_on_request(
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 for other in (control, wake, woken):
                     other.close()
-                run_worker(connection, detector, limits)
+                run_worker(connection, detector, limits, written)
             children.add(pid)
             connection.close()
             control.sendall(wire.json_frame(wire.FORKED, pid))

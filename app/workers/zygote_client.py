@@ -96,9 +96,8 @@ class Worker:
 
     def silent(self) -> bool:
         """Whether it is there, not stopped, and has nothing to say, as it should when it has no job."""
-        with contextlib.suppress(OSError, IndexError), open(f"/proc/{self.pid}/stat") as file:
-            if file.read().rsplit(")", 1)[1].split()[0] in "Tt":
-                return False
+        if self.is_stopped():
+            return False
         try:
             self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -107,13 +106,23 @@ class Worker:
             pass
         return False
 
-    def kill(self) -> None:
-        """End it now, whatever it does."""
+    def is_stopped(self) -> bool:
+        """Whether somebody stopped it by a signal: it goes on when they say so, or never."""
+        with contextlib.suppress(OSError, IndexError), open(f"/proc/{self.pid}/stat") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] in "Tt"
+        return False
+
+    def end(self) -> None:
+        """End the process now, whatever it does. Who waits for its answer finds that the other end has gone."""
         with contextlib.suppress(ProcessLookupError):
             if self._handle is not None:
                 signal.pidfd_send_signal(self._handle, signal.SIGKILL)
             elif not self.ended.done():
                 os.kill(self.pid, signal.SIGKILL)
+
+    def kill(self) -> None:
+        """End the process, and hang up."""
+        self.end()
         self.close()
 
     def close(self) -> None:

@@ -14,6 +14,9 @@ from model.types import AnyArray, FloatArray, IntArray
 _MOST_CORNERS = 20_000
 """Corners of a polygon that needs ear clipping, the time of which may grow with their square."""
 
+_MOST_CORNERS_OF_ANY = 100_000
+"""Corners of any polygon: a fan of so many slivers is found too complex in the end, after seconds of work."""
+
 
 @dataclass(frozen=True, slots=True)
 class Triangles:
@@ -52,11 +55,14 @@ def triangulate(vertices: FloatArray, indices: AnyArray, lengths: AnyArray, limi
 
     Raises:
         UnreadableMeshError: an index does not fit into 32 bits.
-        MeshTooLargeError: more triangles than the limits allow, or a concave polygon of more than 20,000 corners.
+        MeshTooLargeError: more triangles than the limits allow, a polygon of more than 100,000 corners, or a
+            concave one of more than 20,000.
     """
     lengths = kernel_array(lengths, np.int64)
     counts = np.maximum(lengths - 2, 0)
     limits.check(faces=int(counts.sum()))
+    if len(lengths) and lengths.max() > _MOST_CORNERS_OF_ANY:
+        raise MeshTooLargeError(f"A polygon has more than {_MOST_CORNERS_OF_ANY} corners; triangulate it.")
     corners = as_indices(indices)
     if len(lengths) == 0 or (lengths == 3).all():
         return Triangles(corners.reshape(-1, 3))

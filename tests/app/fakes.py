@@ -149,15 +149,19 @@ def _warm() -> None:
 def forked(detector: Any) -> Callable[[SandboxLimits], tuple[socket.socket, Callable[[], None]]]:
     """A launcher of zygotes that serve ``detector``, forked from this process."""
 
+    former = list[socket.socket]()
+
     def launch(limits: SandboxLimits) -> tuple[socket.socket, Callable[[], None]]:
         _warm()
         ours, theirs = socket.socketpair()
+        former.append(ours)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # newer Pythons warn of threads, of which the child uses none
             pid = os.fork()
         if pid == 0:
             try:
-                ours.close()
+                for one in former:  # as long as anybody has them open, the zygotes at their other ends do not end
+                    one.close()
                 zygote.serve(theirs, lambda: detector, limits)
             except BaseException:
                 traceback.print_exc()

@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from app import settings
+from app.http.main import create_app
 from app.settings import Settings, available_cores
 
 
@@ -62,7 +63,13 @@ def test_names_with_a_typo_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PRSNET_PORT", "9123")
     monkeypatch.setenv("PRSNET_API_KEY", "x")
     monkeypatch.setenv("prsnet_max_face", "3")
-    assert settings.unknown_variables() == ["PRSNET_API_KEY", "prsnet_max_face"]
+    with pytest.raises(settings.UnknownSettingsError, match="PRSNET_API_KEY, prsnet_max_face"):
+        settings.settings_of_environment()
+    with pytest.raises(settings.UnknownSettingsError):  # however the service is started
+        create_app()
+    monkeypatch.delenv("PRSNET_API_KEY")
+    monkeypatch.delenv("prsnet_max_face")
+    assert settings.settings_of_environment(queue=3).port == 9123
 
 
 def test_limits_of_the_first_version_of_cgroups_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def blocks(page: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_of_code_runs(page: str, server: Server, tmp_path: Path) -> None:
     """The blocks of a page are run one after the other, as a reader would, in a folder with the test meshes."""
-    if page in SLOW and "PRSNET_CLUSTER" not in os.environ:
+    if page in SLOW and "TEST_CLUSTER" not in os.environ:
         pytest.skip("starts Ray: make cluster runs it")
     for path in (ROOT / "tests" / "data").iterdir():
         shutil.copy(path, tmp_path)

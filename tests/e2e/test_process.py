@@ -71,6 +71,32 @@ def test_a_worker_has_nothing_open_but_the_way_to_the_server(server: Server) -> 
         assert opened == ["/dev/null"] * 3 + ["socket"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_no_key_is_in_the_memory_of_the_processes_that_parse(tmp_path: Path, data: Path) -> None:
+    key = "k7Qz-no-worker-may-know"
+    with running(tmp_path / "log", API_KEYS=key, WORKERS="1") as server:
+        files = {"file": ("chair.obj", (data / "chair.obj").read_bytes())}
+        answer = httpx.post(f"{server.url}/detect", files=files, headers={"X-API-Key": key}, timeout=60)
+        assert answer.status_code == 200
+        parsing = list(load.processes(server.process.pid))
+        assert len(parsing) == 3  # what forks, the worker, and the spare one
+        assert holds(server.process.pid, key.encode())
+        assert not any(holds(pid, key.encode()) for pid in parsing)
+
+
+def holds(pid: int, text: bytes) -> bool:
+    """Whether what a process may write to has these bytes anywhere, as its parent may see."""
+    with open(f"/proc/{pid}/maps") as maps, open(f"/proc/{pid}/mem", "rb", buffering=0) as memory:
+        for line in maps:
+            span, permissions = line.split()[:2]
+            first, end = (int(part, 16) for part in span.split("-"))
+            if permissions.startswith("rw"):
+                memory.seek(first)
+                if text in memory.read(end - first):
+                    return True
+    return False
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="stops a process by signal")
 def test_a_process_that_forks_and_hangs_is_replaced_when_a_worker_is_needed(tmp_path: Path) -> None:
     with running(tmp_path / "log", WORKERS="1") as server:

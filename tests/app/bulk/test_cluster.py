@@ -23,8 +23,8 @@ def environment() -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(ROOT)}
 
 
-@pytest.mark.skipif("PRSNET_CLUSTER" not in os.environ, reason="takes minutes of two cores: make cluster runs it")
-@pytest.mark.timeout(600)
+@pytest.mark.skipif("TEST_CLUSTER" not in os.environ, reason="takes minutes of two cores: make cluster runs it")
+@pytest.mark.timeout(840)
 def test_a_machine_lost_half_way_costs_no_row_and_doubles_none(tmp_path: Path) -> None:
     """Files come from an S3-compatible server; one of two machines is killed after the first result file."""
     chair = (DATA / "chair.obj").read_bytes()
@@ -34,7 +34,7 @@ def test_a_machine_lost_half_way_costs_no_row_and_doubles_none(tmp_path: Path) -
         s3.put({f"meshes/{name}": data for name, data in files.items()})
         command = [sys.executable, "benchmarks/bulk_nodes.py", s3.uri("meshes"), str(out), "--nodes", "2", "--kill"]
         result = subprocess.run(
-            command, cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=280, check=False
+            command, cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=540, check=False
         )
         assert result.returncode == 0, result.stdout + result.stderr
         told = json.loads(result.stdout.splitlines()[-1])

@@ -155,3 +155,29 @@ async def test_every_route_that_makes_work_is_refused_before_a_request_is_made_o
             assert runtime.gate.guards(b"POST", path.encode()), path
             await client.post(path)
             assert f'route="{path}"' in (await client.get("/metrics")).text
+
+
+async def test_a_client_that_sends_all_it_can_keeps_no_other_out(
+    serving: Serving, detector: FakeDetector, chair: bytes
+) -> None:
+    """Another's first request finds a place, and is worked on before the second of the one that waits."""
+    files = {"file": ("chair.obj", chair)}
+    detector.gate.clear()
+    done: list[str] = []
+    async with serving(detector, workers=1, queue=7, api_keys="greedy,modest") as (client, runtime):
+
+        async def ask(key: str) -> int:
+            status = (await client.post("/detect", files=files, headers={"X-API-Key": key})).status_code
+            done.append(f"{key} {status}")
+            return status
+
+        crowd = [asyncio.create_task(ask("greedy")) for _ in range(8)]
+        await until(lambda: runtime.pool.admitted + len(done) == 8)
+        assert done == ["greedy 503"] * 2
+        one = asyncio.create_task(ask("modest"))
+        await until(lambda: runtime.pool.admitted == 7)
+        detector.gate.set()
+        assert await one == 200
+        assert done.count("greedy 200") <= 2  # the one that was worked on, and the next in turn
+        assert [await task for task in crowd].count(200) == 6
+        assert runtime.pool.admitted == 0

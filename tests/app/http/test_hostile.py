@@ -1,8 +1,12 @@
 """Hostile files through the service: every one gets a clear answer, and costs no worker but perhaps its own."""
 
 import contextlib
+import ctypes
+import errno
 import fcntl
+import mmap
 import os
+import platform
 import resource
 import struct
 import time
@@ -154,6 +158,29 @@ def write_files_again() -> None:
     raise PermissionError
 
 
+def spoil_memory_that_others_share() -> None:
+    with mmap.mmap(-1, mmap.PAGESIZE) as area:
+        area.madvise(mmap.MADV_DONTNEED)  # this is allowed
+        libc, address = ctypes.CDLL(None, use_errno=True), ctypes.addressof(ctypes.c_char.from_buffer(area))
+        for advice in (100, 101, 12):  # HWPOISON, SOFT_OFFLINE, MERGEABLE
+            assert libc.madvise(ctypes.c_void_p(address), mmap.PAGESIZE, advice) == -1, "leaked"
+            assert ctypes.get_errno() == errno.EPERM, "leaked"
+    raise PermissionError
+
+
+def call_whatever_is_not_on_the_list() -> None:
+    column = sandbox._ARCHITECTURES[platform.machine()][0]
+    tables = (sandbox._ALWAYS, sandbox._ON_ITSELF, sandbox._FCNTL, sandbox._MADVISE, sandbox._LIMITS)
+    listed = {number for table in tables for number in sandbox._numbers(table, column)}
+    libc = ctypes.CDLL(None, use_errno=True)
+    probes = {335, 336} if column == 0 else set[int]()  # the kernel asks no filter, and ends who calls them like this
+    for number in sorted(set(range(1024)) - listed - probes):
+        for upper in (0, 0x40000000):  # the calls of x32
+            assert libc.syscall(number | upper, -1, 0, 0, 0, 0, 0) == -1, f"leaked: {number}"
+            assert ctypes.get_errno() == errno.EPERM, f"leaked: {number}"
+    raise PermissionError
+
+
 def _socket() -> int:
     """What the worker has open beside the standard streams: its end of the socket to the server is among it."""
     for descriptor in range(3, 4096):
@@ -167,6 +194,7 @@ ESCAPES = [
     read_a_secret, connect, run_a_program, fork, write_a_file, signal_the_server, have_the_server_sent_signals,
     choose_the_signal, own_with_a_struct, ask_for_signals, ask_for_signals_by_ioctl, read_the_servers_memory,
     see_what_cores_the_server_has, limit_the_server, raise_its_memory, write_files_again,
+    spoil_memory_that_others_share, call_whatever_is_not_on_the_list,
 ]  # fmt: skip
 
 

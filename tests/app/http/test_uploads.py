@@ -1,7 +1,9 @@
 """The multipart reader: what it accepts and refuses, and that the limit holds while the body streams in."""
 
 import asyncio
+import fcntl
 import hashlib
+import mmap
 import os
 from pathlib import Path
 from typing import Any
@@ -83,8 +85,38 @@ def test_a_large_upload_goes_to_a_file_without_a_name(tmp_path: Path, spool_byte
         assert isinstance(upload.source, int)
         assert os.pread(upload.source, 1 << 20, 0) == content
         assert list(tmp_path.iterdir()) == []
-    assert upload.file is not None
-    assert upload.file.closed
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(upload.source)
+
+
+@pytest.mark.parametrize("place", ["disk", "memory"])
+def test_nothing_can_change_an_upload_that_is_complete(tmp_path: Path, place: str) -> None:
+    """Not by its descriptor, by a mapping, or by one opened anew (on disk: but as root, whom modes do not bind)."""
+    content = bytes(range(256)) * 100
+    opened = set(os.listdir("/proc/self/fd"))
+    directory = str(tmp_path) if place == "disk" else "memory"
+    with read(Body([part(content) + END]), limit=1 << 20, spool_bytes=10, spool_dir=directory) as upload:
+        source = upload.source
+        assert isinstance(source, int)
+        assert set(os.listdir("/proc/self/fd")) - opened == {str(source)}  # no other descriptor of it is left
+        for change in (
+            lambda: os.pwrite(source, b"x", 0),
+            lambda: os.ftruncate(source, 3),
+            lambda: os.ftruncate(source, 1 << 20),
+            lambda: mmap.mmap(source, 0, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE),
+        ):
+            with pytest.raises((OSError, ValueError)):
+                change()
+        if place == "memory":
+            with open(f"/proc/self/fd/{source}", "r+b", buffering=0) as again, pytest.raises(PermissionError):
+                again.write(b"x")
+            with pytest.raises(PermissionError):  # nor can the seals be taken off
+                fcntl.fcntl(source, fcntl.F_ADD_SEALS, 0)
+        else:
+            assert os.fstat(source).st_mode & 0o777 == 0
+            assert os.fstat(source).st_nlink == 0
+            assert fcntl.fcntl(source, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY
+        assert os.pread(source, 1 << 20, 0) == content
 
 
 def test_a_disk_that_cannot_be_written_to_is_no_defect(tmp_path: Path) -> None:

@@ -34,23 +34,40 @@ async def test_the_process_that_workers_are_forked_from_knows_no_secret(monkeypa
     assert not any(b"secret" in entry or entry.startswith(b"PRSNET_") for entry in known)
 
 
-@pytest.mark.parametrize("separate", [False, True])
-async def test_a_worker_serves_one_key_where_that_is_asked_for(
-    serving: Serving, detector: FakeDetector, chair: bytes, separate: bool
+@pytest.mark.parametrize("isolation", ["none", "client", "request"])
+async def test_no_worker_serves_two_keys_unless_it_may(
+    serving: Serving, detector: FakeDetector, chair: bytes, isolation: str
 ) -> None:
-    settings: dict[str, Any] = {"api_keys": "ann,bob", "worker_per_key": separate, "workers": 1}
-    async with serving(detector, **settings) as (client, runtime):
-        reasons: list[str] = []
-        runtime.pool.on_restart = reasons.append
-        for key in ("ann", "ann", "bob", "bob", "ann"):
+    keys = ["ann", "ann", "bob", "bob", "ann", "cid", "dan", "dan", "eve", "ann"]
+    async with serving(detector, api_keys="ann,bob,cid,dan,eve", isolation=isolation) as (client, runtime):
+        for key in keys:
             files = {"file": ("chair.obj", chair)}
             assert (await client.post("/detect", files=files, headers={"X-API-Key": key})).status_code == 200
         used = [call["pid"] for call in detector.calls]
+        await until(lambda: runtime.pool.live == 2)
+    served = {pid: {key for key, other in zip(keys, used, strict=True) if other == pid} for pid in used}
+    if isolation == "none":
+        assert len(served) == 1
+        return
+    assert all(len(known) == 1 for known in served.values())
+    if isolation == "client":
         assert used[0] == used[1]
         assert used[2] == used[3]
-        assert (used[1] == used[2]) is not separate
-        if separate:
-            assert len({used[0], used[2]}) == 2
+        assert used[6] == used[7]
+    else:
+        assert len(served) == len(keys)
+
+
+async def test_clients_without_keys_are_told_apart_by_their_addresses(
+    serving: Serving, detector: FakeDetector, chair: bytes
+) -> None:
+    async with serving(detector, workers=2, client_address_header="X-Forwarded-For") as (client, _):
+        for address in ("10.0.0.1", "10.0.0.2", "10.0.0.1", "10.0.0.2"):
+            files = {"file": ("chair.obj", chair)}
+            response = await client.post("/detect", files=files, headers={"X-Forwarded-For": f"1.1.1.1, {address}"})
+            assert response.status_code == 200
+        used = [call["pid"] for call in detector.calls]
+    assert used[0] == used[2] != used[1] == used[3]
 
 
 async def test_a_stopped_idle_worker_is_replaced(serving: Serving, detector: FakeDetector, chair: bytes) -> None:
@@ -62,6 +79,23 @@ async def test_a_stopped_idle_worker_is_replaced(serving: Serving, detector: Fak
         assert response.status_code == 200
         await until(lambda: not any(alive(pid) for pid in stopped))
         await until(lambda: runtime.pool.live == 2)
+
+
+async def test_a_worker_stopped_at_work_is_replaced_and_its_job_tried_again(
+    serving: Serving, detector: FakeDetector, chair: bytes
+) -> None:
+    detector.gate.clear()
+    async with serving(detector, workers=1) as (client, runtime):
+        reasons: list[str] = []
+        runtime.pool.on_restart = reasons.append
+        answer = asyncio.create_task(client.post("/detect", files={"file": ("chair.obj", chair)}))
+        await until(lambda: len(detector.calls) == 1)
+        os.kill(detector.calls[0]["pid"], signal.SIGSTOP)
+        await until(lambda: len(detector.calls) == 2)
+        detector.gate.set()
+        assert (await answer).status_code == 200
+        assert reasons == ["lost"]
+        assert not alive(detector.calls[0]["pid"])
 
 
 async def test_a_fork_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch, detector: FakeDetector) -> None:
@@ -89,17 +123,20 @@ def _children() -> list[int]:
 
 
 async def test_after_a_crash_workers_come_from_a_new_process(
-    serving: Serving, detector: FakeDetector, chair: bytes
+    serving: Serving, detector: FakeDetector, chair: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("app.workers.pool._RENEW_S", 1.0)
     async with serving(detector, workers=1) as (client, runtime):
         pool = runtime.pool
         former = pool._factory
         pool._renew()
         await until(lambda: pool._factory is not former and pool.live == 2)
         again = pool._factory
-        pool._renew()  # not twice in a minute
+        pool._renew()  # a while later, for they are not made all the time
+        pool._renew()
         await asyncio.sleep(0.1)
         assert pool._factory is again
+        await until(lambda: pool._factory is not again and pool.live == 2)
         assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
 
 
@@ -125,3 +162,30 @@ async def test_without_proc_limits_are_not_left_out(monkeypatch: pytest.MonkeyPa
     with pytest.raises(FileNotFoundError):
         sandbox.limit_resources(1 << 30, strict=True)
     sandbox.limit_resources(1 << 30)
+
+
+async def test_where_a_worker_cannot_be_locked_in_the_service_does_not_start(
+    monkeypatch: pytest.MonkeyPatch, detector: FakeDetector
+) -> None:
+    def missing(*_: Any) -> Any:
+        raise FileNotFoundError(2, "No such file or directory", "/proc/self/statm")
+
+    monkeypatch.setattr(sandbox, "_address_space", missing)  # the processes are forked from this one
+    pool = WorkerPool(Settings(workers=1), forked(detector))
+    with pytest.raises(StartError, match=r"(?s)^a worker cannot be locked in here.*/proc.*PRSNET_SANDBOX=false"):
+        await pool.start()
+    await pool.close()
+    pool = WorkerPool(Settings(workers=1, sandbox=False), forked(detector))
+    await pool.start()
+    await pool.close()
+
+
+@pytest.mark.skipif(not sandbox.available(), reason="needs Linux on x86-64 or ARM64")
+async def test_work_that_the_sandbox_breaks_is_found_at_the_start(
+    monkeypatch: pytest.MonkeyPatch, detector: FakeDetector
+) -> None:
+    monkeypatch.setattr("app.workers.worker.parse_and_detect", lambda *_: Path("/etc/passwd").read_text())
+    pool = WorkerPool(Settings(workers=1), forked(detector))
+    with pytest.raises(StartError, match="PermissionError"):
+        await pool.start()
+    await pool.close()

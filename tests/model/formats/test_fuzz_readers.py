@@ -1,6 +1,6 @@
 """Property-based fuzzing of every reader: whatever the bytes, a usable mesh or an error that says why.
 
-``PRSNET_FUZZ=100`` multiplies the number of examples and draws new ones each time, for a longer job.
+``TEST_FUZZ=100`` multiplies the number of examples and draws new ones each time, for a longer job.
 """
 
 import os
@@ -14,7 +14,7 @@ from model.errors import MeshError
 from model.formats import FORMATS, read_mesh
 from tests.model.mesh_files import KINDS, export, sample
 
-LONGER = int(os.environ.get("PRSNET_FUZZ", "1"))
+LONGER = int(os.environ.get("TEST_FUZZ", "1"))
 FUZZ = settings(
     max_examples=40 * LONGER,
     deadline=None,

@@ -14,7 +14,7 @@ from model.formats import FORMATS, SOUGHT, read_mesh
 from model.meshes.mesh import Mesh
 from model.types import AnyArray, FloatArray
 
-LONGER = int(os.environ.get("PRSNET_FUZZ", "1"))
+LONGER = int(os.environ.get("TEST_FUZZ", "1"))
 
 
 def cloud() -> FloatArray:

@@ -137,3 +137,10 @@ def test_many_corners_are_no_problem_unless_they_are_concave():
     gear = circle * (1 + 0.1 * (np.arange(count) % 2))[:, None]
     with pytest.raises(MeshTooLargeError, match="concave"):
         triangulate(gear, np.arange(count), np.array([count]), Limits())
+
+
+def test_a_polygon_of_a_million_corners_is_refused_before_anything_is_made_of_it():
+    points = np.random.default_rng(0).normal(size=(10, 3))
+    indices, lengths = np.arange(1_000_000) % 10, np.array([3, 1_000_000 - 3])
+    with pytest.raises(MeshTooLargeError, match="more than 100000 corners; triangulate it"):
+        triangulate(points, indices, lengths, Limits())

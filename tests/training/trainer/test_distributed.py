@@ -97,7 +97,7 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     fit(Recipe.load(toml), prepared, tmp_path / "two", device="cpu")
 
 
-@pytest.mark.skipif(os.environ.get("PRSNET_CLUSTER") != "1", reason="slow: `make cluster` runs it")
+@pytest.mark.skipif(os.environ.get("TEST_CLUSTER") != "1", reason="slow: `make cluster` runs it")
 def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: PreparedSet, tmp_path: Path):
     """`torchrun` starts all processes again, and they go on from the last checkpoint."""
     toml, steps = tmp_path / "recipe.toml", 20
@@ -119,10 +119,12 @@ def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: Prep
     resumed = int(log.split("resumed at step ")[1].split(":")[0])
     assert 4 <= resumed < steps
     assert [int(row["step"]) for row in rows_of(run)] == list(range(4, steps + 1, 4))
+    # The same run as without the accident ...
+    succeeds(torchrun(2, "fit", prepared.root, "--run", tmp_path / "two", *options))
+    two, killed = (predictions(folder, prepared) for folder in (tmp_path / "two", run))
+    assert (killed - two).abs().max() < 1e-5
+    # ... and that of one process, but for what 20 steps make of another order of summation.
     fit(Recipe.load(toml), prepared, tmp_path / "one", device="cpu", validate_every=4)
-    one, killed = (predictions(folder, prepared) for folder in (tmp_path / "one", run))
-    # What rounding makes of 20 steps is small beside what training does.
-    assert (killed - one).abs().mean() < 0.01 * (one[:, :3, :3] - torch.eye(3)).abs().mean()
     for row, other in zip(rows_of(tmp_path / "one"), rows_of(run), strict=True):
         assert float(other["validation_loss"]) == pytest.approx(float(row["validation_loss"]), rel=2e-3)
 
