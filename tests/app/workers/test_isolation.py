@@ -26,7 +26,9 @@ async def test_the_process_that_workers_are_forked_from_knows_no_secret(monkeypa
     connection, end = zygote_client.launcher("no-such.safetensors")(SandboxLimits(1 << 30, True, 0))
     try:
         child = int(Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()[-1])
-        known = Path(f"/proc/{child}/environ").read_bytes().split(b"\0")
+        environment = Path(f"/proc/{child}/environ")
+        await until(lambda: environment.read_bytes() != b"")  # it has none while it becomes another program
+        known = environment.read_bytes().split(b"\0")
     finally:
         connection.close()
         end()
