@@ -9,7 +9,7 @@ from model.geometry.diameter import diameter
 from model.geometry.transforms import reflection_homogeneous, rotation_homogeneous
 from model.meshes.mesh import Mesh
 from model.summary import SymmetrySummary
-from model.symmetries import Reason
+from model.symmetries import EvidenceKind, Reason
 from model.types import FloatArray
 
 
@@ -22,7 +22,8 @@ class Plane:
     ``rms_distance`` its root in input units, ``max_distance`` the largest deviation seen, ``coverage`` the share of the
     surface whose counterpart is there and fits. ``exact``: symmetric everywhere, up to what the file itself promises.
     ``continuous``: one of a family through a continuous axis. ``confidence``: the probability that it is a symmetry of
-    the intact shape, None in paper mode.
+    the intact shape, None in paper mode. ``evidence``: ``measured`` on the surface, or ``predicted`` by the network,
+    where the surface that is there says too little; then it is never exact.
     """
 
     normal: FloatArray
@@ -35,6 +36,7 @@ class Plane:
     max_distance: float = 0.0
     coverage: float = 1.0
     confidence: float | None = None
+    evidence: EvidenceKind = "measured"
 
     @property
     def matrix(self) -> FloatArray:
@@ -56,6 +58,7 @@ class Axis:
     max_distance: float = 0.0
     coverage: float = 1.0
     confidence: float | None = None
+    evidence: EvidenceKind = "measured"
 
     @property
     def matrix(self) -> FloatArray | None:
@@ -98,7 +101,7 @@ class Level:
     It needs a tolerance (RMS deviation) of ``rms_distance``, the next larger one of ``next_rms_distance``, input units;
     None above the last. ``missing``: share of the surface whose counterpart lies beyond an open boundary. ``exact`` is
     None where it was not tested. ``breaks``: where it does not hold, of the ``chosen`` level. ``confidence``: the
-    probability that it is a group of the intact shape.
+    probability that it is a group of the intact shape. ``evidence``: ``measured``, or ``predicted`` as of a `Plane`.
     """
 
     point_group: str
@@ -111,6 +114,7 @@ class Level:
     chosen: bool
     confidence: float
     breaks: list[Patch] = field(default_factory=list[Patch])
+    evidence: EvidenceKind = "measured"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

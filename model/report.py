@@ -98,6 +98,10 @@ def _is_round(found: Symmetries) -> int:
     return 10_000 * any(axis.order is None for axis in found.axes)
 
 
+def _is_measured(level: FoundLevel) -> bool:
+    return level.evidence == "measured"
+
+
 def _color_warning(found: Symmetries, mesh: Mesh) -> tuple[str, ...]:
     """What may break a symmetry of the shape for those who see it."""
     if not (found.planes or found.axes) or not has_colors(mesh):
@@ -118,6 +122,11 @@ def _warnings(found: Symmetries, max_error: float) -> list[str]:
         warnings.append(
             f"The surface is open. For {100 * chosen.missing:.0f} % of it the counterpart was not seen; that counts as "
             "missing, not as different."
+        )
+    if chosen is not None and not _is_measured(chosen):
+        warnings.append(
+            "The plane is predicted, not measured: the surface that is there bears it out too little. By what the "
+            f"network says it is a symmetry of the intact shape with a probability of {chosen.confidence:.2f}."
         )
     if chosen is None and found.levels:
         likeliest = max(found.levels, key=lambda level: level.confidence)
@@ -171,6 +180,7 @@ class _Report:
             confidence=_probability(found.confidence),
             exact=found.exact,
             continuous=found.continuous,
+            evidence=found.evidence,
         )
 
     def axis(self, found: FoundAxis) -> Axis:
@@ -186,6 +196,7 @@ class _Report:
             coverage=round(found.coverage, 4),
             confidence=_probability(found.confidence),
             exact=found.exact,
+            evidence=found.evidence,
         )
 
     def candidate(self, item: Candidate) -> Rejected:
@@ -200,7 +211,9 @@ class _Report:
     def levels(self, found: Symmetries) -> list[Level]:
         following = [*found.levels[1:], None][: len(found.levels)]
         return [
-            self._level(level, None if other is None else self._length(other.rms), index == found.chosen)
+            self._level(
+                level, self._length(other.rms) if other and _is_measured(other) else None, index == found.chosen
+            )
             for index, (level, other) in enumerate(zip(found.levels, following, strict=True))
         ]
 
@@ -216,6 +229,7 @@ class _Report:
             chosen=chosen,
             confidence=round(level.confidence, _PROBABILITY_DECIMALS),
             breaks=[self._patch(patch) for patch in level.breaks],
+            evidence=level.evidence,
         )
 
     def _patch(self, patch: Patch) -> InputPatch:

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from model.network.proposals import Proposals
+from model.network.output import NetworkOutput
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
 from model.search.tilting import tilted
+from model.symmetries import EvidenceKind
 from model.types import FloatArray
 
 _MOST_OPERATIONS, _STRIDE, _BESIDE_STRIDE = 3, 2, 4
@@ -59,13 +60,13 @@ class Evidence:
 NAMES = tuple(field.name for field in fields(Evidence))
 
 
-def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | None) -> Evidence:
+def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput | None) -> Evidence:
     """Measure what speaks for a group where it is placed.
 
     Args:
         context: the shape.
         level: the group.
-        proposals: the network's output, if it was asked.
+        network: what the network says, None if it is not to be asked.
     """
     settings, limit = context.settings, context.limit
     operations = level.generators[:_MOST_OPERATIONS]
@@ -91,23 +92,23 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
         sharpness=min(float(sharpness), _SHARPEST),
         excused=float(excused.mean()),
         size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
-        network=_from_network(level, proposals),
+        network=_from_network(level, network),
         one_sided=context.meter.one_sidedness,
         open=float(not context.meter.closed),
     )
 
 
-def confidence(context: SearchContext, level: Hypothesis, proposals: Proposals | None) -> float:
+def confidence(context: SearchContext, level: Hypothesis, network: NetworkOutput | None) -> float:
     """The probability, from 0 to 1, that a group is one of the intact shape.
 
     Args:
         context: the shape.
         level: the group, measured where it is placed.
-        proposals: the network's output, if it was asked.
+        network: what the network says, None if it is not to be asked.
     """
     if level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING:
         return 1.0  # what `predict` says, without looking for evidence
-    return float(predict(fitted_coefficients(), np.array([astuple(evidence(context, level, proposals))]))[0])
+    return float(predict(fitted_coefficients(), np.array([astuple(evidence(context, level, network))]))[0])
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
@@ -126,23 +127,37 @@ def terms(rows: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(rows)), rows, rows[:, first] * rows[:, second]])
 
 
-@lru_cache(maxsize=1)
 def fitted_coefficients() -> FloatArray:
-    """What `python -m training calibrate` found for `terms`, read once."""
+    """What `python -m training calibrate` found for `terms`."""
+    return learned("measured", NAMES)
+
+
+@lru_cache(maxsize=2)
+def learned(kind: EvidenceKind, names: tuple[str, ...]) -> FloatArray:
+    """The coefficients of ``confidence.json`` for one kind of level, read once.
+
+    Args:
+        kind: of the level.
+        names: of the evidence that they are to be for.
+
+    Raises:
+        ValueError: they were made for other evidence.
+    """
     record: dict[str, Any] = json.loads(files("model.search").joinpath("confidence.json").read_text(encoding="utf-8"))
-    if record["evidence"] != list(NAMES):
+    if kind not in record or record[kind]["evidence"] != list(names):
         raise ValueError("confidence.json was made for other evidence: run `python -m training calibrate`")
-    return np.array(record["coefficients"])
+    return np.array(record[kind]["coefficients"])
 
 
 def _logarithm(part: float) -> float:
     return float(np.log10(max(part, _SMALLEST)))
 
 
-def _from_network(level: Hypothesis, proposals: Proposals | None) -> float:
+def _from_network(level: Hypothesis, network: NetworkOutput | None) -> float:
     """How far the network's nearest proposals are from the elements measured, at most 1."""
-    if proposals is None:
+    if network is None:
         return 1.0
+    proposals = network.first
     operations = level.generators[:_MOST_OPERATIONS]
     farthest = 0.0
     for k in range(len(operations)):

@@ -1,0 +1,98 @@
+"""A plane that only the network sees: what half a chair usually looks like, where the half that is there cannot tell.
+
+Where no measured level is believed, of an open surface, the network is asked what it sees from several views. Its
+answers are votes: planes near each other are one guess, the nearer to the voxels the better. Each guess is fitted to
+what surface can be compared, and the probability that it is a symmetry of the intact shape is learned as that of a
+measured level is (`model.search.confidence`), from guesses about shapes whose intact form is known. It is the answer
+if it is at least as sure as a measured one must be, and says so: ``predicted``. It is never exact.
+"""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from model.geometry.operations import Operations
+from model.network.output import NetworkOutput
+from model.search.confidence import NAMES as MEASURED_NAMES
+from model.search.confidence import evidence, learned
+from model.search.context import SearchContext
+from model.search.hypothesis import Hypothesis
+from model.search.point_groups import frame_of, point_group
+from model.types import FloatArray
+
+_SAME_GUESS = float(np.cos(np.deg2rad(10.0)))
+_MOST_GUESSES = 6
+_FARTHEST = 3.0
+"""Numbers of evidence count up to here, either way: beyond, they say nothing more."""
+
+NAMES = (*MEASURED_NAMES, "votes", "voxels")
+"""The evidence of a measured level, and two numbers: share of the network's answers that are ``votes`` for the guess, a
+head having one in each view and frame; logarithm of the squared distance, in ``voxels``, by which the best vote misses
+the voxels, the natural logarithm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Guess:
+    """A plane as a group ``Cs``, fitted and measured, and the evidence for it, see `NAMES`."""
+
+    level: Hypothesis
+    seen: tuple[float, ...]
+
+
+def guesses(context: SearchContext, network: NetworkOutput) -> list[Guess]:
+    """The planes that the network thinks of, each once, at most a few; none that the surface rules out.
+
+    Args:
+        context: the shape.
+        network: what is asked.
+    """
+    planes = network.every.planes
+    votes = Operations.reflections(planes)
+    misses = context.interpolated_errors(votes)
+    heads = len(network.first.planes)
+    left = np.ones(len(planes), dtype=np.bool_)
+    found: list[Guess] = []
+    for index in np.argsort(misses, kind="stable").tolist():
+        if not left[index]:
+            continue
+        same = left & (np.abs(planes[:, :3] @ planes[index, :3]) > _SAME_GUESS)
+        left &= ~same
+        level = _fitted(context, planes[index])
+        if level.coverage > 0.0 and level.rms <= context.limit:
+            share = heads * float(same.sum()) / len(planes)
+            voxels = float(np.log(max(misses[index], 1e-3)))
+            found.append(Guess(level, (*astuple(evidence(context, level, network)), share, voxels)))
+        if len(found) == _MOST_GUESSES:
+            break
+    return found
+
+
+def likeliest(found: Sequence[Guess]) -> tuple[Hypothesis, float] | None:
+    """The guess that is most probably a plane of the intact shape, and this probability; None of none.
+
+    Raises:
+        ValueError: ``confidence.json`` was made for other evidence.
+    """
+    if not found:
+        return None
+    sure = predict(learned("predicted", NAMES), np.array([guess.seen for guess in found]))
+    best = int(sure.argmax())
+    return found[best].level, float(sure[best])
+
+
+def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
+    """Probabilities ``(n,)`` of evidence ``(n, e)`` by `terms` and their coefficients ``(e + 1,)``."""
+    return 1.0 / (1.0 + np.exp(-(terms(rows) @ coefficients)))
+
+
+def terms(rows: FloatArray) -> FloatArray:
+    """What the regression weighs: 1 and the evidence ``(n, e)``, no products, for guesses are few: ``(n, e + 1)``."""
+    return np.column_stack([np.ones(len(rows)), np.clip(rows, -_FARTHEST, _FARTHEST)])
+
+
+def _fitted(context: SearchContext, plane: FloatArray) -> Hypothesis:
+    """The plane as a group, where what surface can be compared fits it best nearby."""
+    normal, offset = plane[:3], plane[3]
+    guess = Hypothesis(point_group("Cs"), frame_of(normal, normal), -offset * normal)
+    return guess.measured(context).fitted(context)
