@@ -10,7 +10,7 @@ from app import schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
 from model.completion import mirroring
 from model.completion.alignment import alignment
-from model.detection import Detection
+from model.detection import Detection, prediction_warning
 from model.errors import NoPlaneError
 from model.formats.reading import Resources, no_resources
 from model.meshes.clipping import remove_unreferenced_vertices
@@ -68,9 +68,11 @@ def halve_mesh(
         NoPlaneError, model.errors.MeshError: as there.
     """
     steps: dict[str, float] = {}
+    warnings = mesh.warnings
     if options.plane is None:
         detection = detector.detect(mesh, mode="full", max_error=options.max_error)
         plane, steps = best_plane(detection, options.max_error), detection.timings_ms
+        warnings = (*warnings, *prediction_warning(detection.planes))
     else:
         plane = np.array(options.plane)
     result = half_of(mesh, plane, positive=options.positive)
@@ -81,7 +83,7 @@ def halve_mesh(
             detected=options.plane is None,
             side="positive" if options.positive else "negative",
             faces=len(result.faces),
-            warnings=list(mesh.warnings),
+            warnings=list(warnings),
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
@@ -112,7 +114,7 @@ def align_mesh(
         alignment=schemas.Alignment(
             matrix=[[float(value) + 0.0 for value in row] for row in matrix],
             point_group=detection.point_group,
-            warnings=list(mesh.warnings),
+            warnings=[*mesh.warnings, *prediction_warning(detection.planes)],
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(detection.timings_ms, started, parsed),

@@ -10,6 +10,7 @@ from model.summary import SymmetrySummary
 Mode: TypeAlias = Literal["full", "paper"]
 LevelName: TypeAlias = Literal["auto", "exact"]
 Include: TypeAlias = Literal["rejected", "bop"]
+Evidence: TypeAlias = Literal["measured", "predicted"]
 Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 Row: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
 Matrix: TypeAlias = Annotated[list[Row], Field(min_length=4, max_length=4)]
@@ -30,6 +31,10 @@ class Schema(BaseModel):
 
 
 _CONFIDENCE = "Probability that it is a symmetry of the intact shape; null in paper mode."
+_EVIDENCE = (
+    "`measured` on the surface, or `predicted` by the network where too little of the surface is there to tell; what "
+    "is predicted is never exact."
+)
 
 
 class Plane(Schema):
@@ -48,6 +53,7 @@ class Plane(Schema):
     max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
     coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
     confidence: float | None = Field(ge=0, le=1, description=_CONFIDENCE)
+    evidence: Evidence = Field(default="measured", description=_EVIDENCE)
     exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
     continuous: bool = Field(description="Belongs to a continuous axis, every plane through which is a symmetry.")
 
@@ -69,6 +75,7 @@ class Axis(Schema):
     max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
     coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
     confidence: float | None = Field(ge=0, le=1, description=_CONFIDENCE)
+    evidence: Evidence = Field(default="measured", description=_EVIDENCE)
     exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
 
 
@@ -185,6 +192,7 @@ class Level(Schema):
     exact: bool | None = Field(description="It holds everywhere, up to what the file promises; null if not tested.")
     chosen: bool
     confidence: float = Field(ge=0, le=1, description="Probability that it is a group of the intact shape.")
+    evidence: Evidence = Field(default="measured", description=_EVIDENCE)
     breaks: list[Patch] = Field(description="Where the chosen level does not hold, the largest deviation first.")
 
 
@@ -228,7 +236,7 @@ class DetectResponse(SymmetrySummary, Schema):
     model: ModelInfo
     timings_ms: Timings
     warnings: list[str]
-    levels: list[Level] = Field(default=[], description="All groups that hold, the finest first. Full mode only.")
+    levels: list[Level] = Field(default=[], description="All groups that hold, the finest first; last, if it is the answer, one that is only predicted. Full mode only.")
     similar: list[Similar] = Field(default=[], description="What holds within `max_error` but belongs to no group.")
     rejected: list[Rejected] = Field(default=[], description="Only with `include=rejected`.")
     bop: Bop | None = Field(default=None, description="Only with `include=bop`.")
@@ -263,7 +271,7 @@ class Completion(Schema):
         ge=0, description="Farthest that the rim of an added part was moved to close the seam."
     )
     symmetrized: bool
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read, and whether the plane is predicted.")
 
 
 class CompletedMesh(Schema):
@@ -283,7 +291,7 @@ class Half(Schema):
     detected: bool = Field(description="Found here, not given with the request.")
     side: Literal["positive", "negative"] = Field(description="The side that was kept: that of the normal, or not.")
     faces: int = Field(ge=0)
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read, and whether the plane is predicted.")
 
 
 class HalvedMesh(Schema):
@@ -299,7 +307,7 @@ class Alignment(Schema):
 
     matrix: Matrix = Field(description="Rotation and shift, rows of a 4x4 matrix for column vectors.")
     point_group: str = Field(description="Of the mesh, as `/detect` names it.")
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read, and whether the plane is predicted.")
 
 
 class AlignedMesh(Schema):

@@ -1,5 +1,6 @@
 """Results in the input frame, as the library returns them and the service serialises them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -42,6 +43,16 @@ class Plane:
     def matrix(self) -> FloatArray:
         """The reflection as ``(4, 4)``, acting on column vectors of the input frame."""
         return reflection_homogeneous(np.append(self.normal, self.offset))
+
+
+def prediction_warning(planes: Sequence[Plane]) -> tuple[str, ...]:
+    """What to know about an answer whose plane is predicted; nothing where all are measured."""
+    predicted = [plane for plane in planes if plane.evidence == "predicted"]
+    return tuple(
+        "The plane is predicted, not measured: the surface that is there bears it out too little. By what the network "
+        f"says it is a symmetry of the intact shape with a probability of {plane.confidence or 0.0:.2f}."
+        for plane in predicted[:1]
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

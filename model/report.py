@@ -6,7 +6,7 @@ ordered by what means something, so that the answer does not depend on the proce
 
 import numpy as np
 
-from model.detection import Axis, Detection, Level, Plane, Rejected
+from model.detection import Axis, Detection, Level, Plane, Rejected, prediction_warning
 from model.detection import Patch as InputPatch
 from model.geometry.frames import UnitFrame
 from model.geometry.transforms import canonical_sign
@@ -59,7 +59,7 @@ def to_input(
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,
-        warnings=[*mesh.warnings, *notes, *_color_warning(found, mesh), *_warnings(found, max_error)],
+        warnings=[*mesh.warnings, *notes, *_color_warning(found, mesh), *_warnings(found, max_error), *prediction_warning(planes)],
         levels=report.levels(found),
         similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
         rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],
@@ -122,11 +122,6 @@ def _warnings(found: Symmetries, max_error: float) -> list[str]:
         warnings.append(
             f"The surface is open. For {100 * chosen.missing:.0f} % of it the counterpart was not seen; that counts as "
             "missing, not as different."
-        )
-    if chosen is not None and not _is_measured(chosen):
-        warnings.append(
-            "The plane is predicted, not measured: the surface that is there bears it out too little. By what the "
-            f"network says it is a symmetry of the intact shape with a probability of {chosen.confidence:.2f}."
         )
     if chosen is None and found.levels:
         likeliest = max(found.levels, key=lambda level: level.confidence)
