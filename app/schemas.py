@@ -236,7 +236,10 @@ class DetectResponse(SymmetrySummary, Schema):
     model: ModelInfo
     timings_ms: Timings
     warnings: list[str]
-    levels: list[Level] = Field(default=[], description="All groups that hold, the finest first; last, if it is the answer, one that is only predicted. Full mode only.")
+    levels: list[Level] = Field(
+        default=[],
+        description="All groups that hold, the finest first; last the answer if it is predicted. Full mode only.",
+    )
     similar: list[Similar] = Field(default=[], description="What holds within `max_error` but belongs to no group.")
     rejected: list[Rejected] = Field(default=[], description="Only with `include=rejected`.")
     bop: Bop | None = Field(default=None, description="Only with `include=bop`.")
@@ -271,7 +274,10 @@ class Completion(Schema):
         ge=0, description="Farthest that the rim of an added part was moved to close the seam."
     )
     symmetrized: bool
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read, and whether the plane is predicted.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
+    )
 
 
 class CompletedMesh(Schema):
@@ -291,7 +297,10 @@ class Half(Schema):
     detected: bool = Field(description="Found here, not given with the request.")
     side: Literal["positive", "negative"] = Field(description="The side that was kept: that of the normal, or not.")
     faces: int = Field(ge=0)
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read, and whether the plane is predicted.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
+    )
 
 
 class HalvedMesh(Schema):
@@ -307,7 +316,10 @@ class Alignment(Schema):
 
     matrix: Matrix = Field(description="Rotation and shift, rows of a 4x4 matrix for column vectors.")
     point_group: str = Field(description="Of the mesh, as `/detect` names it.")
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read, and whether the plane is predicted.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
+    )
 
 
 class AlignedMesh(Schema):

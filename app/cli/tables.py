@@ -80,7 +80,9 @@ def _level(level: Level) -> str:
     missing = f", {100 * level.missing:.0f} % missing" if level.missing >= 0.005 else ""
     sure = "" if level.confidence == 1.0 else f", {100 * level.confidence:.0f} % sure"
     predicted = ", predicted" * (level.evidence == "predicted")
-    return f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{predicted}{sure}{'  (this answer)' * level.chosen}"
+    return (
+        f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{predicted}{sure}{'  (this answer)' * level.chosen}"
+    )
 
 
 def _extent(patch: Patch) -> str:

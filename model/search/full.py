@@ -93,12 +93,20 @@ def _found(
     return Found(distinct, refined.operations, refined.rms, refined.dropped, refined.dropped_errors)
 
 
+def _starts_from_network(context: SearchContext, sources: Sources) -> bool:
+    """Whether the network's answers may change what is found: of a closed surface the other two find all it would.
+
+    Then it is not waited for, unless something inexact is to be judged.
+    """
+    return sources.network and not (context.meter.closed and sources.inertia and sources.scan)
+
+
 def _lines(context: SearchContext, network: NetworkOutput | None, sources: Sources) -> FloatArray:
     """Directions through the centre that may be axes of high order: ``(k, 3)``, each once."""
     candidates = [np.zeros((0, 3))]
     if sources.inertia:
         candidates.append(context.principal)
-    if sources.network and network is not None:
+    if network is not None and _starts_from_network(context, sources):
         candidates.append(network.first.directions)
     return distinct_lines(np.concatenate(candidates))
 
@@ -134,7 +142,7 @@ def _starts(
         halves.append(minima(turned, settings.most_axes, settings.promising_axis) @ context.rotation)
     rows = np.concatenate(normals)
     planes = np.column_stack([rows, -rows @ context.centre])
-    if sources.network and network is not None:
+    if network is not None and _starts_from_network(context, sources):
         # What is missing tilts the inertia frame and hides planes from the scan: other views see more.
         proposals = network.first if context.meter.closed else network.every
         planes = np.concatenate([proposals.planes, planes])

@@ -58,7 +58,7 @@ def guesses(context: SearchContext, network: NetworkOutput) -> list[Guess]:
             continue
         same = left & (np.abs(planes[:, :3] @ planes[index, :3]) > _SAME_GUESS)
         left &= ~same
-        level = _fitted(context, planes[index])
+        level = _fitted(context, votes[[index]])
         if level.coverage > 0.0 and level.rms <= context.limit:
             share = heads * float(same.sum()) / len(planes)
             voxels = float(np.log(max(misses[index], 1e-3)))
@@ -91,8 +91,9 @@ def terms(rows: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(rows)), np.clip(rows, -_FARTHEST, _FARTHEST)])
 
 
-def _fitted(context: SearchContext, plane: FloatArray) -> Hypothesis:
-    """The plane as a group, where what surface can be compared fits it best nearby."""
-    normal, offset = plane[:3], plane[3]
-    guess = Hypothesis(point_group("Cs"), frame_of(normal, normal), -offset * normal)
+def _fitted(context: SearchContext, vote: Operations) -> Hypothesis:
+    """A reflection as a group, where the voxels and then what surface can be compared fit it best nearby."""
+    settled = context.settled_on_voxels(vote)
+    normal = settled.directions[0]
+    guess = Hypothesis(point_group("Cs"), frame_of(normal, normal), settled.points[0])
     return guess.measured(context).fitted(context)
