@@ -38,7 +38,7 @@ from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
 from model.report import inside_warning, to_input
 from model.search.answer import LevelChoice, answer
-from model.search.confidence import fitted_coefficients
+from model.search.confidence import NAMES, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, resolution_of
@@ -80,7 +80,7 @@ class Detector:
         quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
         faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
         mesh = Mesh.checked(corners, faces)
-        fitted_coefficients()
+        learned("measured", NAMES)
         frame = unit_frame(corners, faces[2:])
         context, network, _ = self.search(frame.to_unit(corners), faces[2:])
         if network is not None:

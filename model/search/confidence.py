@@ -39,8 +39,8 @@ class Evidence:
     worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen
     then, which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number
     of members. ``network``: largest angle between an element measured and the nearest proposal of the network, as a
-    part of 45 degrees. ``one_sided``: length of the mean normal of an open surface. ``open``: 1 if there are open
-    edges, else 0: with the products of the others it makes two regressions of one.
+    part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the mean normal of an open surface. ``open``:
+    1 if there are open edges, else 0: with the products of the others it makes two regressions of one.
     """
 
     deviation: float
@@ -108,7 +108,10 @@ def confidence(context: SearchContext, level: Hypothesis, network: NetworkOutput
     """
     if level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING:
         return 1.0  # what `predict` says, without looking for evidence
-    return float(predict(fitted_coefficients(), np.array([astuple(evidence(context, level, network))]))[0])
+    known = learned("measured", NAMES)
+    row = np.array(astuple(evidence(context, level, network)))
+    # Without the network: as if it had said what it usually does.
+    return float(predict(known.coefficients, np.where(np.isnan(row), known.means, row)[None])[0])
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
@@ -127,26 +130,29 @@ def terms(rows: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(rows)), rows, rows[:, first] * rows[:, second]])
 
 
-def fitted_coefficients() -> FloatArray:
-    """What `python -m training calibrate` found for `terms`."""
-    return learned("measured", NAMES)
+@dataclass(frozen=True, slots=True, eq=False)
+class Learned:
+    """What `python -m training calibrate` found: ``coefficients`` ``(t,)`` of terms, ``means`` ``(e,)`` of evidence."""
+
+    coefficients: FloatArray
+    means: FloatArray
 
 
 @lru_cache(maxsize=2)
-def learned(kind: EvidenceKind, names: tuple[str, ...]) -> FloatArray:
-    """The coefficients of ``confidence.json`` for one kind of level, read once.
+def learned(kind: EvidenceKind, names: tuple[str, ...]) -> Learned:
+    """What ``confidence.json`` holds for one kind of level, read once.
 
     Args:
         kind: of the level.
-        names: of the evidence that they are to be for.
+        names: of the evidence that it is to be for.
 
     Raises:
-        ValueError: they were made for other evidence.
+        ValueError: it was made for other evidence.
     """
     record: dict[str, Any] = json.loads(files("model.search").joinpath("confidence.json").read_text(encoding="utf-8"))
     if kind not in record or record[kind]["evidence"] != list(names):
         raise ValueError("confidence.json was made for other evidence: run `python -m training calibrate`")
-    return np.array(record[kind]["coefficients"])
+    return Learned(np.array(record[kind]["coefficients"]), np.array(record[kind]["means"]))
 
 
 def _logarithm(part: float) -> float:
@@ -154,9 +160,9 @@ def _logarithm(part: float) -> float:
 
 
 def _from_network(level: Hypothesis, network: NetworkOutput | None) -> float:
-    """How far the network's nearest proposals are from the elements measured, at most 1."""
+    """How far the network's nearest proposals are from the elements measured, at most 1; NaN if it was not asked."""
     if network is None:
-        return 1.0
+        return np.nan
     proposals = network.first
     operations = level.generators[:_MOST_OPERATIONS]
     farthest = 0.0

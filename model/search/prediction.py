@@ -76,7 +76,7 @@ def likeliest(found: Sequence[Guess]) -> tuple[Hypothesis, float] | None:
     """
     if not found:
         return None
-    sure = predict(learned("predicted", NAMES), np.array([guess.seen for guess in found]))
+    sure = predict(learned("predicted", NAMES).coefficients, np.array([guess.seen for guess in found]))
     best = int(sure.argmax())
     return found[best].level, float(sure[best])
 

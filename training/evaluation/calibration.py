@@ -33,7 +33,7 @@ from model.search.confidence import NAMES, evidence, predict, terms
 from model.search.hypothesis import Hypothesis
 from model.search.settings import DEFAULT
 from model.symmetries import EvidenceKind
-from model.types import BoolArray, FloatArray
+from model.types import BoolArray, FloatArray, IntArray
 from training.evaluation.corruptions import DAMAGES, corrupt
 from training.layouts import SourceFile, find_meshes, parse
 from training.parallel import spread
@@ -134,32 +134,36 @@ def _search(job: _Job) -> list[Group]:
             continue
         # The intact shape where the damaged one is, so that what was found needs no translation.
         whole = frame.to_unit(shown.similarity.to_shown(intact.to_unit(mesh.vertices)))
-        surface = SurfaceIndex(whole, mesh.faces)
-        samples, _ = sample_surface(whole, mesh.faces, _SAMPLES, seed=_SEED)
-        ratio = frame.scale / shown.similarity.scale
-
-        def error(
-            level: Hypothesis, surface: SurfaceIndex = surface, samples: FloatArray = samples, ratio: float = ratio
-        ) -> float:
-            squared = squared_distances(surface, samples, level.measured_operations).mean(1)
-            return float(squared.max() * ratio**2)
-
+        truth = _Intact(whole, mesh.faces, frame.scale / shown.similarity.scale)
         for level in found.levels:
             seen = astuple(evidence(context, level, network))
-            groups.append(Group(job.name, damage, level.name, seen, error(level)))
+            groups.append(Group(job.name, damage, level.name, seen, truth.error(level)))
         for guess in thought:
-            groups.append(Group(job.name, damage, guess.level.name, guess.seen, error(guess.level), "predicted"))
+            groups.append(Group(job.name, damage, guess.level.name, guess.seen, truth.error(guess.level), "predicted"))
     return groups
+
+
+class _Intact:
+    """The intact shape, in the unit frame of the damaged one, which is ``ratio`` times as large as its own."""
+
+    def __init__(self, vertices: FloatArray, faces: IntArray, ratio: float) -> None:
+        self._surface, self._ratio = SurfaceIndex(vertices, faces), ratio
+        self._samples, _ = sample_surface(vertices, faces, _SAMPLES, seed=_SEED)
+
+    def error(self, level: Hypothesis) -> float:
+        """The largest SDE of a group's operations, in the intact shape's unit frame."""
+        squared = squared_distances(self._surface, self._samples, level.measured_operations).mean(1)
+        return float(squared.max() * self._ratio**2)
 
 
 def calibrate(groups: Sequence[Group], max_error: float = MAX_ERROR) -> dict[str, Any]:
     """Fit the confidence to two thirds of the shapes, and check it on the others.
 
     Returns:
-        ``measured`` and, where there are guesses, ``predicted``, of each its ``evidence`` (names), ``coefficients``,
-        and the check: ``groups`` and ``shapes`` (numbers of), ``error``, the expected calibration error; ``brier``, the
-        mean squared difference; ``reliability``: mean confidence, share that is right and number of each bin. Of
-        guesses the likeliest of each mesh is checked, as it is the one that may become an answer.
+        ``measured`` and, where there are guesses, ``predicted``, of each its ``evidence`` (names) with their
+        ``means``, ``coefficients``, and the check: ``groups`` and ``shapes`` (numbers of), ``error``, the expected
+        calibration error; ``brier``, the mean squared difference; ``reliability``: mean confidence, share that is right
+        and number of each bin. Of guesses the likeliest of each mesh is checked: it is the one that may be the answer.
     """
     shapes = sorted({group.shape for group in groups})
     held = {shape for index, shape in enumerate(shapes) if index % _CHECKED == 0}
@@ -167,7 +171,7 @@ def calibrate(groups: Sequence[Group], max_error: float = MAX_ERROR) -> dict[str
     rows, right, check = _table(measured, held, max_error)
     coefficients = _fitted(terms(rows[~check]), right[~check])
     told = predict(coefficients, rows)
-    record = {"measured": _record(NAMES, coefficients, measured, told[check], right[check])}
+    record = {"measured": _record(NAMES, coefficients, measured, rows[~check], told[check], right[check])}
     believed = {group.mesh for group, sure in zip(measured, told, strict=True) if sure >= DEFAULT.least_confidence}
     guesses = [group for group in groups if group.evidence == "predicted" and group.mesh not in believed]
     if guesses:
@@ -178,7 +182,9 @@ def calibrate(groups: Sequence[Group], max_error: float = MAX_ERROR) -> dict[str
         for index in np.argsort(told, kind="stable").tolist():
             best[guesses[index].mesh] = index
         likeliest = np.array([index for index in best.values() if check[index]], dtype=np.intp)
-        record["predicted"] = _record(prediction.NAMES, coefficients, guesses, told[likeliest], right[likeliest])
+        record["predicted"] = _record(
+            prediction.NAMES, coefficients, guesses, rows[~check], told[likeliest], right[likeliest]
+        )
     return record
 
 
@@ -190,11 +196,17 @@ def _table(groups: Sequence[Group], held: set[str], max_error: float) -> tuple[F
 
 
 def _record(
-    names: Sequence[str], coefficients: FloatArray, groups: Sequence[Group], told: FloatArray, right: BoolArray
+    names: Sequence[str],
+    coefficients: FloatArray,
+    groups: Sequence[Group],
+    fitted: FloatArray,
+    told: FloatArray,
+    right: BoolArray,
 ) -> dict[str, Any]:
     return {
         "evidence": list(names),
-        "coefficients": [float(value) for value in coefficients],
+        "coefficients": coefficients.tolist(),
+        "means": fitted.mean(0).tolist(),
         "groups": len(groups),
         "shapes": len({group.shape for group in groups}),
         "checked": len(told),

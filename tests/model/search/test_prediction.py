@@ -46,13 +46,13 @@ def angle(first: np.ndarray, second: np.ndarray) -> float:
 def believing(monkeypatch: pytest.MonkeyPatch, *, measured: bool, predicted: bool) -> None:
     """Believe no measured level (but what holds everywhere) or each, and the first guess of the network or none."""
 
-    def learned(kind: str, names: tuple[str, ...]) -> np.ndarray:
+    def learned(kind: str, names: tuple[str, ...]) -> confidence.Learned:
         wanted, size = (predicted, len(names) + 1)
         if kind == "measured":
             wanted, size = measured, confidence.terms(np.zeros((1, len(names)))).shape[1]
         coefficients = np.zeros(size)
         coefficients[0] = 2.0 if wanted else -5.0
-        return coefficients
+        return confidence.Learned(coefficients, np.zeros(len(names)))
 
     monkeypatch.setattr(confidence, "learned", learned)
     monkeypatch.setattr(prediction, "learned", learned)

@@ -94,7 +94,7 @@ def test_guesses_are_learned_from_only_where_no_measured_group_is_believed() -> 
 
 
 def test_what_is_to_be_learned_need_not_be_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def unknown(kind: str, names: tuple[str, ...]) -> np.ndarray:
+    def unknown(kind: str, names: tuple[str, ...]) -> confidence.Learned:
         raise ValueError("confidence.json was made for other evidence")
 
     monkeypatch.setattr(confidence, "learned", unknown)
