@@ -121,7 +121,12 @@ def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
     """
     deviation, uncovered = rows[:, NAMES.index("deviation")], rows[:, NAMES.index("uncovered")]
     holds = (deviation <= _ROUNDING) & (uncovered == 0.0)
-    return np.where(holds, 1.0, 1.0 / (1.0 + np.exp(-(terms(rows) @ coefficients))))
+    return np.where(holds, 1.0, logistic(terms(rows) @ coefficients))
+
+
+def logistic(log_odds: FloatArray) -> FloatArray:
+    """Probabilities of their log-odds."""
+    return 1.0 / (1.0 + np.exp(-log_odds))
 
 
 def terms(rows: FloatArray) -> FloatArray:

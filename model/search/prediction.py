@@ -14,30 +14,37 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.network.output import NetworkOutput
-from model.search.confidence import NAMES as MEASURED_NAMES
-from model.search.confidence import evidence, learned
+from model.search import confidence
+from model.search.confidence import Evidence, learned, logistic
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
 from model.search.point_groups import frame_of, point_group
 from model.types import FloatArray
 
+NAMES = ("measured", "votes", "voxels")
+"""The evidence for a guess: log-odds of a measured level of which the same were seen; share of the network's answers
+that are votes for it, a head having one in each view and frame; natural logarithm of the squared distance, in voxels,
+by which the best vote misses the voxels."""
+
 _SAME_GUESS = float(np.cos(np.deg2rad(10.0)))
 _MOST_GUESSES = 6
-_FARTHEST = 3.0
-"""Numbers of evidence count up to here, either way: beyond, they say nothing more."""
-
-NAMES = (*MEASURED_NAMES, "votes", "voxels")
-"""The evidence of a measured level, and two numbers: share of the network's answers that are ``votes`` for the guess, a
-head having one in each view and frame; logarithm of the squared distance, in ``voxels``, by which the best vote misses
-the voxels, the natural logarithm."""
+_SUREST = 7.0
+"""Log-odds count up to here, either way: one in a thousand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guess:
-    """A plane as a group ``Cs``, fitted and measured, and the evidence for it, see `NAMES`."""
+    """A plane as a group ``Cs``, fitted, what was ``seen`` there, and its ``votes`` and ``voxels``: see `NAMES`."""
 
     level: Hypothesis
-    seen: tuple[float, ...]
+    seen: Evidence
+    votes: float
+    voxels: float
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """All of it as numbers, for `weighed`."""
+        return (*astuple(self.seen), self.votes, self.voxels)
 
 
 def guesses(context: SearchContext, network: NetworkOutput) -> list[Guess]:
@@ -62,7 +69,7 @@ def guesses(context: SearchContext, network: NetworkOutput) -> list[Guess]:
         if level.coverage > 0.0 and level.rms <= context.limit:
             share = heads * float(same.sum()) / len(planes)
             voxels = float(np.log(max(misses[index], 1e-3)))
-            found.append(Guess(level, (*astuple(evidence(context, level, network)), share, voxels)))
+            found.append(Guess(level, confidence.evidence(context, level, network), share, voxels))
         if len(found) == _MOST_GUESSES:
             break
     return found
@@ -76,19 +83,31 @@ def likeliest(found: Sequence[Guess]) -> tuple[Hypothesis, float] | None:
     """
     if not found:
         return None
-    sure = predict(learned("predicted", NAMES).coefficients, np.array([guess.seen for guess in found]))
+    rows = weighed(np.array([guess.row for guess in found]), learned("measured", confidence.NAMES).coefficients)
+    sure = predict(learned("predicted", NAMES).coefficients, rows)
     best = int(sure.argmax())
     return found[best].level, float(sure[best])
 
 
+def weighed(rows: FloatArray, measured: FloatArray) -> FloatArray:
+    """The evidence `NAMES` ``(n, 3)`` of guesses' numbers `Guess.row` ``(n, e)``.
+
+    Args:
+        rows: of the guesses.
+        measured: the coefficients for measured levels.
+    """
+    log_odds = confidence.terms(rows[:, :-2]) @ measured
+    return np.column_stack([np.clip(log_odds, -_SUREST, _SUREST), rows[:, -2:]])
+
+
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
-    """Probabilities ``(n,)`` of evidence ``(n, e)`` by `terms` and their coefficients ``(e + 1,)``."""
-    return 1.0 / (1.0 + np.exp(-(terms(rows) @ coefficients)))
+    """Probabilities ``(n,)`` of evidence ``(n, 3)`` by `terms` and their coefficients ``(4,)``."""
+    return logistic(terms(rows) @ coefficients)
 
 
 def terms(rows: FloatArray) -> FloatArray:
-    """What the regression weighs: 1 and the evidence ``(n, e)``, no products, for guesses are few: ``(n, e + 1)``."""
-    return np.column_stack([np.ones(len(rows)), np.clip(rows, -_FARTHEST, _FARTHEST)])
+    """What the regression weighs: 1 and the evidence ``(n, 3)``, no products, for guesses are few: ``(n, 4)``."""
+    return np.column_stack([np.ones(len(rows)), rows])
 
 
 def _fitted(context: SearchContext, vote: Operations) -> Hypothesis:

@@ -139,7 +139,7 @@ def _search(job: _Job) -> list[Group]:
             seen = astuple(evidence(context, level, network))
             groups.append(Group(job.name, damage, level.name, seen, truth.error(level)))
         for guess in thought:
-            groups.append(Group(job.name, damage, guess.level.name, guess.seen, truth.error(guess.level), "predicted"))
+            groups.append(Group(job.name, damage, guess.level.name, guess.row, truth.error(guess.level), "predicted"))
     return groups
 
 
@@ -176,6 +176,7 @@ def calibrate(groups: Sequence[Group], max_error: float = MAX_ERROR) -> dict[str
     guesses = [group for group in groups if group.evidence == "predicted" and group.mesh not in believed]
     if guesses:
         rows, right, check = _table(guesses, held, max_error)
+        rows = prediction.weighed(rows, coefficients)
         coefficients = _fitted(prediction.terms(rows[~check]), right[~check])
         told = prediction.predict(coefficients, rows)
         best: dict[tuple[str, str], int] = {}

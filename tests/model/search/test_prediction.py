@@ -132,7 +132,7 @@ def test_guesses_are_planes_apart_that_the_surface_allows(detector: Detector) ->
         found = prediction.guesses(context, network)
         several += len(found) > 1
         share = len(network.first.planes) / len(network.every.planes)
-        votes = np.array([guess.seen[prediction.NAMES.index("votes")] for guess in found]) / share
+        votes = np.array([guess.votes for guess in found]) / share
         np.testing.assert_allclose(votes, np.round(votes), atol=1e-9)
         assert 0.0 < votes.sum() <= len(network.every.planes)
         for guess in found:
@@ -162,12 +162,13 @@ def test_the_network_is_asked_once_and_only_for_what_is_needed(
     assert set(asked.values()) == {1}
 
 
-def test_evidence_beyond_all_experience_counts_as_the_farthest_there_is() -> None:
-    rows = np.array([[np.inf, -np.inf, 1.0], [3.0, -3.0, 1.0]])
-    weights = np.array([0.5, 0.1, 0.2, -0.4])
-    told = prediction.predict(weights, rows)
-    assert told[0] == told[1]
-    assert 0.0 < told[0] < 1.0
+def test_a_guess_is_surer_where_the_surface_bears_it_out_and_nothing_makes_it_certain() -> None:
+    rows = np.zeros((3, len(confidence.NAMES) + 2))
+    rows[:, confidence.NAMES.index("uncovered")] = [0.0, 0.5, 1e6]
+    measured = np.zeros(confidence.terms(rows[:, :-2]).shape[1])
+    measured[1 + confidence.NAMES.index("uncovered")] = -3.0
+    told = prediction.predict(np.array([0.5, 1.0, 0.2, -0.4]), prediction.weighed(rows, measured))
+    assert 1.0 > told[0] > told[1] > told[2] > 0.0
     assert answer.likeliest([]) is None
 
 

@@ -62,10 +62,10 @@ def test_procedural_shapes_are_searched_in_every_damage(tmp_path: Path) -> None:
 
 
 def guesses(count: int) -> list[Group]:
-    """Guesses, three of a mesh, that are right with a probability which their first evidence tells."""
+    """Guesses, three of a mesh, that are right with a probability which their last number tells."""
     rng = np.random.default_rng(7)
-    seen = rng.normal(size=(count, len(prediction.NAMES)))
-    wrong = rng.random(count) > 1.0 / (1.0 + np.exp(-2.0 * seen[:, 0]))
+    seen = rng.normal(size=(count, len(NAMES) + 2))
+    wrong = rng.random(count) > 1.0 / (1.0 + np.exp(-2.0 * seen[:, -1]))
     return [
         Group(f"shape{k // 3 % 150}", f"damage{k // 450}", "Cs", tuple(seen[k]), float(wrong[k]), "predicted")
         for k in range(count)
@@ -105,7 +105,7 @@ def test_what_is_to_be_learned_need_not_be_known(tmp_path: Path, monkeypatch: py
     )
     found = collect([tmp_path], limit=1, seed=3, progress=False)
     assert {group.evidence for group in found} == {"measured", "predicted"}
-    assert all(len(group.seen) == len(prediction.NAMES) for group in found if group.evidence == "predicted")
+    assert all(len(group.seen) == len(NAMES) + 2 for group in found if group.evidence == "predicted")
 
 
 def test_the_table_says_what_was_checked() -> None:
