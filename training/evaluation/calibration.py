@@ -11,7 +11,7 @@ is believed by then: only there it is asked.
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -159,55 +159,61 @@ class _Intact:
 def calibrate(groups: Sequence[Group], max_error: float = MAX_ERROR) -> dict[str, Any]:
     """Fit the confidence to two thirds of the shapes, and check it on the others.
 
+    Guesses are few: all are fitted to, and each third is checked by what is fitted to the two others; of each mesh the
+    likeliest, as it is the one that may be the answer.
+
     Returns:
         ``measured`` and, where there are guesses, ``predicted``, of each its ``evidence`` (names) with their
         ``means``, ``coefficients``, and the check: ``groups`` and ``shapes`` (numbers of), ``error``, the expected
         calibration error; ``brier``, the mean squared difference; ``reliability``: mean confidence, share that is right
-        and number of each bin. Of guesses the likeliest of each mesh is checked: it is the one that may be the answer.
+        and number of each bin.
     """
-    shapes = sorted({group.shape for group in groups})
-    held = {shape for index, shape in enumerate(shapes) if index % _CHECKED == 0}
+    third = {shape: index % _CHECKED for index, shape in enumerate(sorted({group.shape for group in groups}))}
     measured = [group for group in groups if group.evidence == "measured"]
-    rows, right, check = _table(measured, held, max_error)
+    rows, right, thirds = _table(measured, third, max_error)
+    check = thirds == 0
     coefficients = _fitted(terms(rows[~check]), right[~check])
     told = predict(coefficients, rows)
-    record = {"measured": _record(NAMES, coefficients, measured, rows[~check], told[check], right[check])}
+    record = {"measured": _record(NAMES, coefficients, measured, rows, told[check], right[check])}
     believed = {group.mesh for group, sure in zip(measured, told, strict=True) if sure >= DEFAULT.least_confidence}
     guesses = [group for group in groups if group.evidence == "predicted" and group.mesh not in believed]
     if guesses:
-        rows, right, check = _table(guesses, held, max_error)
+        rows, right, thirds = _table(guesses, third, max_error)
         rows = prediction.weighed(rows, coefficients)
-        coefficients = _fitted(prediction.terms(rows[~check]), right[~check])
-        told = prediction.predict(coefficients, rows)
+        told = np.empty(len(rows))
+        for held in range(_CHECKED):
+            others = _fitted(prediction.terms(rows[thirds != held]), right[thirds != held])
+            told[thirds == held] = prediction.predict(others, rows[thirds == held])
         best: dict[tuple[str, str], int] = {}
         for index in np.argsort(told, kind="stable").tolist():
             best[guesses[index].mesh] = index
-        likeliest = np.array([index for index in best.values() if check[index]], dtype=np.intp)
-        record["predicted"] = _record(
-            prediction.NAMES, coefficients, guesses, rows[~check], told[likeliest], right[likeliest]
-        )
+        likeliest = np.array(list(best.values()))
+        coefficients = _fitted(prediction.terms(rows), right)
+        record["predicted"] = _record(prediction.NAMES, coefficients, guesses, rows, told[likeliest], right[likeliest])
     return record
 
 
-def _table(groups: Sequence[Group], held: set[str], max_error: float) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """What was seen ``(n, e)``, which groups are right and which serve the check: ``(n,)``."""
+def _table(
+    groups: Sequence[Group], third: Mapping[str, int], max_error: float
+) -> tuple[FloatArray, BoolArray, IntArray]:
+    """What was seen ``(n, e)``, which groups are right and which third of the shapes they are of: ``(n,)``."""
     rows = np.array([group.seen for group in groups])
     right = np.array([group.error <= max_error for group in groups], dtype=np.bool_)
-    return rows, right, np.array([group.shape in held for group in groups], dtype=np.bool_)
+    return rows, right, np.array([third[group.shape] for group in groups])
 
 
 def _record(
     names: Sequence[str],
     coefficients: FloatArray,
     groups: Sequence[Group],
-    fitted: FloatArray,
+    rows: FloatArray,
     told: FloatArray,
     right: BoolArray,
 ) -> dict[str, Any]:
     return {
         "evidence": list(names),
         "coefficients": coefficients.tolist(),
-        "means": fitted.mean(0).tolist(),
+        "means": rows.mean(0).tolist(),
         "groups": len(groups),
         "shapes": len({group.shape for group in groups}),
         "checked": len(told),

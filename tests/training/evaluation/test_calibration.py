@@ -75,7 +75,7 @@ def guesses(count: int) -> list[Group]:
 def test_of_guesses_the_likeliest_of_each_mesh_is_checked() -> None:
     record = calibrate([*groups(600, honest=True), *guesses(3600)])["predicted"]
     assert record["evidence"] == list(prediction.NAMES)
-    assert (record["groups"], record["shapes"], record["checked"]) == (3600, 150, 400)
+    assert (record["groups"], record["shapes"], record["checked"]) == (3600, 150, 1200)
     assert record["error"] < 0.08
     told = np.average(
         [each["confidence"] for each in record["reliability"]],
