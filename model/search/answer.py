@@ -143,7 +143,7 @@ class _JudgedLadder:
         return believed[choose(self._context, [rung.level for rung in believed])] if believed else None
 
     def _predicted(self) -> _Rung | None:
-        """What the network sees of a surface that is not whole, where nothing measured is believed; if it is sure."""
+        """What the network sees of an open surface, where no level found is believed; None where it is not sure."""
         context = self._context
         if self._network is None or context.meter.closed or context.is_spent:
             return None
@@ -151,11 +151,17 @@ class _JudgedLadder:
         if best is None or best[1] < context.settings.least_confidence:
             return None
         level = self._measured(best[0])
-        judged = self._judge(level, measured=False)
+        # What the surface alone bears out is measured, whoever thought of it.
+        seen = level.is_believed(context.settings) and (
+            confidence(context, level, self._network) >= context.settings.least_confidence
+        )
+        judged = self._judge(level, measured=seen)
         if level.rms > context.limit or judged.errors.max() > context.max_error:
             return None
-        self.rungs.append(_Rung(level, best[1], settled=True, judged=judged, evidence="predicted"))
-        return self.rungs[-1]
+        rung = _Rung(level, best[1], settled=True, judged=judged, evidence="measured" if seen else "predicted")
+        finer = sum(other.level.rms <= level.rms for other in self.rungs)
+        self.rungs.insert(finer if seen else len(self.rungs), rung)
+        return rung
 
     def _largest_exact(self) -> _Rung | None:
         for rung in reversed(self.rungs):

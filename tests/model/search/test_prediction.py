@@ -94,6 +94,26 @@ def test_what_is_measured_comes_first(detector: Detector, monkeypatch: pytest.Mo
     assert not any("predicted" in warning for warning in detection.warnings)
 
 
+def test_a_guess_that_the_surface_bears_out_is_measured(detector: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, normal = scan()
+    believing(monkeypatch, measured=False, predicted=True)
+    asked: list[bool] = []
+
+    def guesses(*arguments: object) -> list[prediction.Guess]:
+        asked.append(True)
+        return prediction.guesses(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(answer, "guesses", guesses)
+    monkeypatch.setattr(answer, "confidence", lambda *arguments: 0.9 if asked else 0.1)
+    detection = detector.detect(mesh)
+    assert asked == [True]
+    assert evidence_of(detection) == {"measured"}
+    assert angle(detection.planes[0].normal, normal) < DEGREES
+    needed = [level.rms_distance for level in detection.levels]
+    assert needed == sorted(needed)
+    assert not any("predicted" in warning for warning in detection.warnings)
+
+
 @pytest.mark.parametrize("asked", [{"level": "exact"}, {"tolerance": 0.0}, {"sources": Sources(network=False)}])
 def test_only_auto_with_the_network_predicts(
     detector: Detector, monkeypatch: pytest.MonkeyPatch, asked: dict[str, object]
