@@ -11,6 +11,7 @@ from app import edit_schemas
 from app.detection import MeshLimits, SymmetryDetector, mesh_info, read_within, timings
 from app.editing import best_plane
 from model.completion.mirroring import Completed, complete
+from model.detection import prediction_warning
 from model.formats.reading import Resources, no_resources
 from model.meshes.colors import with_looks_of
 from model.meshes.mesh import Mesh
@@ -59,9 +60,11 @@ def complete_mesh(
         NoPlaneError: none was given, and the mesh has none within ``options.max_error``.
     """
     steps: dict[str, float] = {}
+    warnings = mesh.warnings
     if options.plane is None:
         detection = detector.detect(mesh, mode="full", max_error=options.max_error)
         plane, steps = best_plane(detection, options.max_error), detection.timings_ms
+        warnings = (*warnings, *prediction_warning(detection.planes))
     else:
         plane = np.array(options.plane)
     began = time.perf_counter()
@@ -69,7 +72,7 @@ def complete_mesh(
     mirrored = np.arange(len(done.faces)) >= done.faces_kept
     result = with_looks_of(mesh, done.vertices, done.faces, mirrored, plane)
     answer = edit_schemas.CompletedMesh(
-        completion=_completion(done, plane, options, mesh.warnings),
+        completion=_completion(done, plane, options, warnings),
         mesh=mesh_info(result, filename),
         complete_ms=(time.perf_counter() - began) * 1e3,
         timings_ms=timings(steps, started, parsed),

@@ -232,6 +232,7 @@ def _plane(plane: "Plane") -> schemas.Plane:
         max_distance=float(plane.max_distance),
         coverage=float(plane.coverage),
         confidence=plane.confidence,
+        evidence=plane.evidence,
         exact=bool(plane.exact),
         continuous=bool(plane.continuous),
     )
@@ -249,6 +250,7 @@ def _axis(axis: "Axis") -> schemas.Axis:
         max_distance=float(axis.max_distance),
         coverage=float(axis.coverage),
         confidence=axis.confidence,
+        evidence=axis.evidence,
         exact=bool(axis.exact),
     )
 
@@ -264,6 +266,7 @@ def _level(level: "Level") -> schemas.Level:
         exact=level.exact,
         chosen=level.chosen,
         confidence=level.confidence,
+        evidence=level.evidence,
         breaks=[
             schemas.Patch(
                 center=numbers(patch.center), size=patch.size, max_distance=patch.max_distance, present=patch.present

@@ -34,7 +34,10 @@ class Completion(Schema):
         ge=0, description="Farthest that the rim of an added part was moved to close the seam."
     )
     symmetrized: bool
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
+    )
 
 
 class CompletedMesh(Schema):
@@ -64,7 +67,10 @@ class Half(Schema):
     calculix: str = Field(default="", description=_CALCULIX)
     freecad: str = Field(default="", description=_FREECAD)
     faces: int = Field(ge=0)
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
+    )
 
 
 class HalvedMesh(Schema):
@@ -117,7 +123,10 @@ class Alignment(Schema):
 
     matrix: Matrix = Field(description="Rotation and shift, rows of a 4x4 matrix for column vectors.")
     point_group: str = Field(description="Of the mesh, as `/detect` names it.")
-    warnings: list[str] = Field(default=[], description="What was left out or guessed when the file was read.")
+    warnings: list[str] = Field(
+        default=[],
+        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
+    )
 
 
 class AlignedMesh(Schema):

@@ -12,7 +12,7 @@ from app.detection import MeshLimits, SymmetryDetector, mesh_info, numbers, read
 from model.completion.alignment import alignment
 from model.completion.halving import halve
 from model.completion.sector import cut_sector
-from model.detection import Axis, Detection
+from model.detection import Axis, Detection, prediction_warning
 from model.errors import NoAxisError, NoPlaneError
 from model.formats.reading import Resources, no_resources
 from model.meshes.clipping import remove_unreferenced_vertices
@@ -93,9 +93,11 @@ def halve_mesh(
         NoPlaneError, model.errors.MeshError: as there.
     """
     steps: dict[str, float] = {}
+    warnings = mesh.warnings
     if options.plane is None:
         detection = detector.detect(mesh, mode="full", max_error=options.max_error)
         plane, steps = best_plane(detection, options.max_error), detection.timings_ms
+        warnings = (*warnings, *prediction_warning(detection.planes))
     else:
         plane = np.array(options.plane)
     result, capped = half_of(mesh, plane, positive=options.positive, capped=options.capped)
@@ -108,7 +110,7 @@ def halve_mesh(
             capped=capped,
             points=_datum_points(mesh, plane),
             faces=len(result.faces),
-            warnings=_warnings(mesh, options.capped and not capped),
+            warnings=[*warnings, *_left_open(options.capped and not capped)],
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
@@ -166,7 +168,7 @@ def sector_mesh(
             max_distance=deviation if options.line is None else None,
             capped=sector.capped,
             faces=len(result.faces),
-            warnings=_warnings(mesh, options.capped and not sector.capped),
+            warnings=[*mesh.warnings, *_left_open(options.capped and not sector.capped)],
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
@@ -174,8 +176,8 @@ def sector_mesh(
     return answer, result
 
 
-def _warnings(mesh: Mesh, left_open: bool) -> list[str]:
-    return [*mesh.warnings, *([_LEFT_OPEN] if left_open else [])]
+def _left_open(left_open: bool) -> list[str]:
+    return [_LEFT_OPEN] if left_open else []
 
 
 def _datum_points(mesh: Mesh, plane: FloatArray) -> list[list[float]]:
@@ -216,7 +218,7 @@ def align_mesh(
         alignment=edit_schemas.Alignment(
             matrix=[numbers(row) for row in matrix],
             point_group=detection.point_group,
-            warnings=list(mesh.warnings),
+            warnings=[*mesh.warnings, *prediction_warning(detection.planes)],
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(detection.timings_ms, started, parsed),

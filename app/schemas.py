@@ -10,6 +10,7 @@ from model.summary import SymmetrySummary
 Mode: TypeAlias = Literal["full", "paper"]
 LevelName: TypeAlias = Literal["auto", "exact"]
 Include: TypeAlias = Literal["rejected", "bop"]
+Evidence: TypeAlias = Literal["measured", "predicted"]
 Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 Row: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
 Matrix: TypeAlias = Annotated[list[Row], Field(min_length=4, max_length=4)]
@@ -27,6 +28,10 @@ class Schema(BaseModel):
 
 
 _CONFIDENCE = "Probability that it is a symmetry of the intact shape; null in paper mode."
+_EVIDENCE = (
+    "`measured` on the surface, or `predicted` by the network where too little of the surface is there to tell; what "
+    "is predicted is never exact."
+)
 
 
 class Plane(Schema):
@@ -45,6 +50,7 @@ class Plane(Schema):
     max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
     coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
     confidence: float | None = Field(ge=0, le=1, description=_CONFIDENCE)
+    evidence: Evidence = Field(default="measured", description=_EVIDENCE)
     exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
     continuous: bool = Field(description="Belongs to a continuous axis, every plane through which is a symmetry.")
 
@@ -66,6 +72,7 @@ class Axis(Schema):
     max_distance: float = Field(ge=0, description="Largest deviation seen, features included, input units.")
     coverage: float = Field(ge=0, le=1, description="Share of the surface whose counterpart is there and fits.")
     confidence: float | None = Field(ge=0, le=1, description=_CONFIDENCE)
+    evidence: Evidence = Field(default="measured", description=_EVIDENCE)
     exact: bool = Field(description="Symmetric everywhere, up to the resolution and the facets of the file.")
 
 
@@ -182,6 +189,7 @@ class Level(Schema):
     exact: bool | None = Field(description="It holds everywhere, up to what the file promises; null if not tested.")
     chosen: bool
     confidence: float = Field(ge=0, le=1, description="Probability that it is a group of the intact shape.")
+    evidence: Evidence = Field(default="measured", description=_EVIDENCE)
     breaks: list[Patch] = Field(description="Where the chosen level does not hold, the largest deviation first.")
 
 
@@ -225,7 +233,10 @@ class DetectResponse(SymmetrySummary, Schema):
     model: ModelInfo
     timings_ms: Timings
     warnings: list[str]
-    levels: list[Level] = Field(default=[], description="All groups that hold, the finest first. Full mode only.")
+    levels: list[Level] = Field(
+        default=[],
+        description="All groups that hold, the finest first; last the answer if it is predicted. Full mode only.",
+    )
     similar: list[Similar] = Field(default=[], description="What holds within `max_error` but belongs to no group.")
     rejected: list[Rejected] = Field(default=[], description="Only with `include=rejected`.")
     bop: Bop | None = Field(default=None, description="Only with `include=bop`.")

@@ -1,5 +1,6 @@
 """Results in the input frame, as the library returns them and the service serialises them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -9,7 +10,7 @@ from model.geometry.diameter import diameter
 from model.geometry.transforms import reflection_homogeneous, rotation_homogeneous
 from model.meshes.mesh import Mesh
 from model.summary import SymmetrySummary
-from model.symmetries import Reason
+from model.symmetries import EvidenceKind, Reason
 from model.types import FloatArray
 
 
@@ -22,7 +23,8 @@ class Plane:
     ``rms_distance`` its root in input units, ``max_distance`` the largest deviation seen, ``coverage`` the share of the
     surface whose counterpart is there and fits. ``exact``: symmetric everywhere, up to what the file itself promises.
     ``continuous``: one of a family through a continuous axis. ``confidence``: the probability that it is a symmetry of
-    the intact shape, None in paper mode.
+    the intact shape, None in paper mode. ``evidence``: ``measured`` on the surface, or ``predicted`` by the network,
+    where the surface that is there says too little; then it is never exact.
     """
 
     normal: FloatArray
@@ -35,11 +37,22 @@ class Plane:
     max_distance: float = 0.0
     coverage: float = 1.0
     confidence: float | None = None
+    evidence: EvidenceKind = "measured"
 
     @property
     def matrix(self) -> FloatArray:
         """The reflection as ``(4, 4)``, acting on column vectors of the input frame."""
         return reflection_homogeneous(np.append(self.normal, self.offset))
+
+
+def prediction_warning(planes: Sequence[Plane]) -> tuple[str, ...]:
+    """What to know about an answer whose plane is predicted; nothing where all are measured."""
+    predicted = [plane for plane in planes if plane.evidence == "predicted"]
+    return tuple(
+        "The plane is predicted, not measured: the surface that is there bears it out too little. By what the network "
+        f"says it is a symmetry of the intact shape with a probability of {plane.confidence or 0.0:.2f}."
+        for plane in predicted[:1]
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +69,7 @@ class Axis:
     max_distance: float = 0.0
     coverage: float = 1.0
     confidence: float | None = None
+    evidence: EvidenceKind = "measured"
 
     @property
     def matrix(self) -> FloatArray | None:
@@ -98,7 +112,7 @@ class Level:
     It needs a tolerance (RMS deviation) of ``rms_distance``, the next larger one of ``next_rms_distance``, input units;
     None above the last. ``missing``: share of the surface whose counterpart lies beyond an open boundary. ``exact`` is
     None where it was not tested. ``breaks``: where it does not hold, of the ``chosen`` level. ``confidence``: the
-    probability that it is a group of the intact shape.
+    probability that it is a group of the intact shape. ``evidence``: ``measured``, or ``predicted`` as of a `Plane`.
     """
 
     point_group: str
@@ -111,6 +125,7 @@ class Level:
     chosen: bool
     confidence: float
     breaks: list[Patch] = field(default_factory=list[Patch])
+    evidence: EvidenceKind = "measured"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

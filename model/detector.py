@@ -26,11 +26,11 @@ from model.geometry.surface import SurfaceIndex
 from model.meshes.bodies import inner_faces
 from model.meshes.mesh import Mesh
 from model.network.checkpoint import Checkpoint, load_checkpoint
+from model.network.output import NetworkOutput
 from model.network.proposals import (
     Proposals,
     input_rotation,
     next_rotation,
-    predict_each,
     rotated_voxels,
 )
 from model.network.views import look, other_views
@@ -38,22 +38,19 @@ from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
 from model.report import inside_warning, to_input
 from model.search.answer import LevelChoice, answer
-from model.search.confidence import fitted_coefficients
+from model.search.confidence import NAMES, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, resolution_of
 from model.search.full import Found, Sources, find_symmetries
 from model.search.part import fits_better
+from model.search.prediction import guesses, likeliest
 from model.search.settings import DEFAULT
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
 
 DIRECTION_STRIDE = 83
 """Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
-
-FULL_FRAMES = 1
-"""Sign choices of the input frame that full mode looks at, in one batch: more cost time and found no more planes
-(docs/decisions/0005-sources-of-starts.md)."""
 
 ALL_SOURCES = Sources()
 
@@ -83,7 +80,11 @@ class Detector:
         quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
         faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
         mesh = Mesh.checked(corners, faces)
-        fitted_coefficients()
+        learned("measured", NAMES)
+        frame = unit_frame(corners, faces[2:])
+        context, network, _ = self.search(frame.to_unit(corners), faces[2:])
+        if network is not None:
+            likeliest(guesses(context, network))
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
@@ -187,8 +188,8 @@ class Detector:
         timings: dict[str, float],
     ) -> tuple[Symmetries, IntArray]:
         """What full mode answers, and for every vertex the first at its place."""
-        context, proposals, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
-        mark = time.perf_counter()
+        context, network, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
+        mark, asked = time.perf_counter(), timings["infer"]
         cut_short = context.is_spent
         result = answer(
             context,
@@ -196,10 +197,11 @@ class Detector:
             SurfaceSamples.drawn(context.sampler, DEFAULT.report_samples, seed=0),
             ExactnessTest(context.surface, context.meter.facets, resolution),
             choice,
-            proposals,
+            network,
         )
         result.cut_short = cut_short
-        timings["validate"] = _since(mark)
+        timings["infer"] = asked if network is None else network.spent_ms
+        timings["validate"] = _since(mark) - (timings["infer"] - asked)
         return result, context.meter.facets.first
 
     def search(
@@ -210,7 +212,7 @@ class Detector:
         *,
         sources: Sources = ALL_SOURCES,
         timings: dict[str, float] | None = None,
-    ) -> tuple[SearchContext, Proposals | None, Found]:
+    ) -> tuple[SearchContext, NetworkOutput | None, Found]:
         """All that full mode finds, before one level is chosen and judged: for studies of the judgement.
 
         Args:
@@ -221,7 +223,7 @@ class Detector:
             timings: if given, ``voxelize``, ``infer`` and ``refine`` are filled in, in milliseconds.
 
         Returns:
-            what it was searched with, the network's output if it was asked, and the levels and candidates found.
+            what it was searched with, what the network says if it may be asked, and the levels and candidates found.
         """
         spent: dict[str, float] = {}
         mark = time.perf_counter()
@@ -230,9 +232,7 @@ class Detector:
         occupied = rotated_voxels(self._checkpoint, vertices, faces, turn)
         spent["voxelize"] = _since(mark)
         mark = time.perf_counter()
-        proposals = predict_each(self._checkpoint, occupied, turn, FULL_FRAMES) if sources.network else None
-        spent["infer"] = _since(mark)
-        mark = time.perf_counter()
+        network = NetworkOutput(self._checkpoint, vertices, faces, occupied, turn) if sources.network else None
         surface = SurfaceIndex(vertices, faces)
         sampler = SurfaceSampler(vertices, faces)
         samples = SurfaceSamples.drawn(sampler, DEFAULT.refine_samples, seed=1)
@@ -243,11 +243,12 @@ class Detector:
         context = SearchContext(
             meter, sampler, samples, anchors, judging, DistanceGrid(occupied), turn, principal, max_error
         )
-        found = find_symmetries(context, proposals, sources)
-        spent["refine"] = _since(mark)
+        found = find_symmetries(context, network, sources)
+        spent["infer"] = 0.0 if network is None else network.spent_ms
+        spent["refine"] = _since(mark) - spent["infer"]
         if timings is not None:
             timings.update(spent)
-        return context, proposals, found
+        return context, network, found
 
     def propose(self, vertices: FloatArray, faces: IntArray, timings: dict[str, float] | None = None) -> Proposals:
         """The network's raw planes and rotations for a shape in the unit frame, before any validation.

@@ -6,7 +6,7 @@ ordered by what means something, so that the answer does not depend on the proce
 
 import numpy as np
 
-from model.detection import Axis, Detection, Level, Plane, Rejected
+from model.detection import Axis, Detection, Level, Plane, Rejected, prediction_warning
 from model.detection import Patch as InputPatch
 from model.geometry.frames import UnitFrame
 from model.geometry.transforms import canonical_sign
@@ -59,7 +59,13 @@ def to_input(
         scale=frame.scale,
         mesh=mesh,
         timings_ms=timings_ms,
-        warnings=[*mesh.warnings, *notes, *_color_warning(found, mesh), *_warnings(found, max_error)],
+        warnings=[
+            *mesh.warnings,
+            *notes,
+            *_color_warning(found, mesh),
+            *_warnings(found, max_error),
+            *prediction_warning(planes),
+        ],
         levels=report.levels(found),
         similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
         rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],
@@ -96,6 +102,10 @@ def _is_exact(found: Symmetries) -> bool:
 def _is_round(found: Symmetries) -> int:
     """More than any number of elements of a finite group where there is a continuous axis."""
     return 10_000 * any(axis.order is None for axis in found.axes)
+
+
+def _is_measured(level: FoundLevel) -> bool:
+    return level.evidence == "measured"
 
 
 def _color_warning(found: Symmetries, mesh: Mesh) -> tuple[str, ...]:
@@ -171,6 +181,7 @@ class _Report:
             confidence=_probability(found.confidence),
             exact=found.exact,
             continuous=found.continuous,
+            evidence=found.evidence,
         )
 
     def axis(self, found: FoundAxis) -> Axis:
@@ -186,6 +197,7 @@ class _Report:
             coverage=round(found.coverage, 4),
             confidence=_probability(found.confidence),
             exact=found.exact,
+            evidence=found.evidence,
         )
 
     def candidate(self, item: Candidate) -> Rejected:
@@ -200,7 +212,9 @@ class _Report:
     def levels(self, found: Symmetries) -> list[Level]:
         following = [*found.levels[1:], None][: len(found.levels)]
         return [
-            self._level(level, None if other is None else self._length(other.rms), index == found.chosen)
+            self._level(
+                level, self._length(other.rms) if other and _is_measured(other) else None, index == found.chosen
+            )
             for index, (level, other) in enumerate(zip(found.levels, following, strict=True))
         ]
 
@@ -216,6 +230,7 @@ class _Report:
             chosen=chosen,
             confidence=round(level.confidence, _PROBABILITY_DECIMALS),
             breaks=[self._patch(patch) for patch in level.breaks],
+            evidence=level.evidence,
         )
 
     def _patch(self, patch: Patch) -> InputPatch:

@@ -57,7 +57,7 @@ def _count(number: int, one: str, many: str) -> str:
 
 def _row(kind: str, vector: Iterable[float], offset: str, order: str, found: Any) -> Sequence[str]:
     direction = ", ".join(f"{round(float(x), 6) + 0.0:g}" for x in vector)  # + 0.0: no "-0"
-    exact = "yes" if found.exact else "no"
+    exact = "yes" if found.exact else "predicted" if found.evidence == "predicted" else "no"
     return (kind, f"({direction})", offset, order, f"{found.symmetry_error:.1e}", f"{found.rms_distance:.1e}", exact)
 
 

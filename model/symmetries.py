@@ -6,6 +6,9 @@ from typing import Literal
 from model.types import FloatArray
 
 Reason = Literal["not_symmetric", "duplicate", "not_continuous"]
+EvidenceKind = Literal["measured", "predicted"]
+"""What an element or a level rests on: on the surface, on which it was refined and judged; or on the network, which
+knows what such shapes usually look like, where the surface says too little."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,6 +19,7 @@ class FoundPlane:
     ``continuous``: it stands for a family through a continuous axis. ``coverage``: share of the surface whose
     counterpart is there and fits. ``exact``: it holds everywhere up to what the file promises. ``max_distance``: the
     largest deviation seen. ``confidence``: probability that it is one of the intact shape; None if not judged.
+    ``evidence``: what it rests on.
     """
 
     plane: FloatArray
@@ -25,6 +29,7 @@ class FoundPlane:
     exact: bool = False
     max_distance: float = 0.0
     confidence: float | None = None
+    evidence: EvidenceKind = "measured"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +47,7 @@ class FoundAxis:
     exact: bool = False
     max_distance: float = 0.0
     confidence: float | None = None
+    evidence: EvidenceKind = "measured"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +87,7 @@ class Level:
     ``point_group``: Schoenflies symbol. ``rms``: the largest RMS deviation of its operations; ``missing``: share of the
     surface whose counterpart lies beyond an open boundary. ``planes``, ``axes``: how many. ``exact``: it holds
     everywhere up to what the file promises; None if that was not tested. ``breaks``: where it does not. ``confidence``:
-    probability that it is a group of the intact shape.
+    probability that it is a group of the intact shape. ``evidence``: what it rests on.
     """
 
     point_group: str
@@ -92,6 +98,7 @@ class Level:
     exact: bool | None = None
     breaks: tuple[Patch, ...] = ()
     confidence: float = 1.0
+    evidence: EvidenceKind = "measured"
 
 
 @dataclass(slots=True, eq=False)

@@ -63,7 +63,7 @@ def _planes(planes: list[Plane]) -> Table:
             _vector(plane.normal),
             f"{plane.offset:.6g}",
             *_quality(plane),
-            "on a continuous axis" * plane.continuous,
+            "on a continuous axis" * plane.continuous + "predicted, not measured" * (plane.evidence == "predicted"),
         )
     return table
 
@@ -79,7 +79,10 @@ def _level(level: Level) -> str:
     needs = f"rms distance {level.rms_distance:.2e}" if level.rms_distance else "exactly"
     missing = f", {100 * level.missing:.0f} % missing" if level.missing >= 0.005 else ""
     sure = "" if level.confidence == 1.0 else f", {100 * level.confidence:.0f} % sure"
-    return f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{sure}{'  (this answer)' * level.chosen}"
+    predicted = ", predicted" * (level.evidence == "predicted")
+    return (
+        f"  level [bold]{level.point_group}[/bold]  {needs}{missing}{predicted}{sure}{'  (this answer)' * level.chosen}"
+    )
 
 
 def _extent(patch: Patch) -> str:

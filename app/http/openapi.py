@@ -56,6 +56,7 @@ _EXAMPLE_PLANE = {
     "max_distance": 1.3e-8,
     "coverage": 1.0,
     "confidence": 1.0,
+    "evidence": "measured",
     "exact": True,
     "continuous": False,
 }
@@ -85,6 +86,7 @@ _EXAMPLE_RESPONSE: dict[str, Any] = {
             "next_rms_distance": None,
             "missing": 0.0,
             "confidence": 1.0,
+            "evidence": "measured",
             "exact": True,
             "chosen": True,
             "breaks": [],

@@ -9,7 +9,7 @@ from app.schemas import Axis, DetectResponse, Plane
 
 COLUMNS = (
     "file", "point_group", "kind", "index", "x", "y", "z", "offset", "px", "py", "pz", "order", "continuous", "exact",
-    "symmetry_error", "rms_distance",
+    "symmetry_error", "rms_distance", "evidence",
 )  # fmt: skip
 """x, y, z are a plane's normal or an axis's direction; px, py, pz a point on it; all in input coordinates. ``order`` is
 empty for planes and for continuous axes, ``offset`` for axes."""
@@ -30,7 +30,8 @@ def rows(response: DetectResponse) -> list[list[object]]:
 
 def _rest(found: Plane | Axis, order: object) -> list[object]:
     flags = ["yes" if flag else "no" for flag in (found.continuous, found.exact)]
-    return [*found.point, "" if order is None else order, *flags, found.symmetry_error, found.rms_distance]
+    errors = [found.symmetry_error, found.rms_distance]
+    return [*found.point, "" if order is None else order, *flags, *errors, found.evidence]
 
 
 def write(responses: Sequence[DetectResponse]) -> bytes:

@@ -182,6 +182,8 @@ def trusted_answer(body: bytes, job: Job, card: Card) -> schemas.DetectResponse:
     for axis in answer.axes:
         _require(_is_unit(axis.direction) and _in_range(axis.point), "an axis that is none")
         _require(axis.continuous == (axis.order is None) == (axis.matrix is None), "an axis that contradicts itself")
+    guessed = [item for item in (*answer.planes, *answer.axes, *answer.levels) if item.evidence == "predicted"]
+    _require(not any(item.exact for item in guessed), "a guess that is called exact")
     for level in answer.levels:
         _require(_POINT_GROUP.fullmatch(level.point_group) is not None, "no point group")
         _require(len(level.breaks) <= _MOST_ELEMENTS, "too many elements")

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.network.proposals import Proposals
+from model.network.output import NetworkOutput
 from model.search.confidence import confidence
 from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
@@ -15,8 +15,9 @@ from model.search.exactness import ExactnessTest, Verdict
 from model.search.full import Found
 from model.search.hypothesis import Hypothesis
 from model.search.levels import choose
+from model.search.prediction import guesses, likeliest
 from model.search.subgroup import exact_part
-from model.symmetries import Candidate, FoundAxis, FoundPlane, Level, Symmetries
+from model.symmetries import Candidate, EvidenceKind, FoundAxis, FoundPlane, Level, Symmetries
 from model.types import FloatArray
 
 _ENOUGH_FLAT, _EVERY_WAY = 0.3, 0.01
@@ -40,12 +41,17 @@ class LevelChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
-    """A level's elements' errors, coverage and largest deviations, and what breaks it."""
+    """A level's elements' errors, coverage and largest deviations, and what breaks it; None of what is predicted."""
 
     errors: FloatArray
     coverage: FloatArray
     largest: FloatArray
-    verdict: Verdict
+    verdict: Verdict | None
+
+    @property
+    def exact(self) -> bool:
+        """Whether the level holds everywhere, up to what the file promises."""
+        return self.verdict is not None and self.verdict.exact
 
 
 def answer(
@@ -54,7 +60,7 @@ def answer(
     samples: SurfaceSamples,
     test: ExactnessTest,
     choice: LevelChoice,
-    proposals: Proposals | None,
+    network: NetworkOutput | None,
 ) -> Symmetries:
     """The symmetries of a shape, unit frame.
 
@@ -64,9 +70,9 @@ def answer(
         samples: of the surface, that took no part in finding them.
         test: of what is exact.
         choice: of the level.
-        proposals: the network's output, if it was asked.
+        network: what the network says, None if it is not to be asked.
     """
-    ladder = _JudgedLadder(context, found.levels, samples, test, proposals)
+    ladder = _JudgedLadder(context, found.levels, samples, test, network)
     chosen = ladder.chosen(choice)
     result = Symmetries()
     for index, rung in enumerate(ladder.rungs):
@@ -82,13 +88,15 @@ def answer(
 class _Rung:
     """A level, and the probability that it is one of the intact shape.
 
-    ``settled``: its frame is final. ``judged``: what judging it found, if it was judged.
+    ``settled``: its frame is final. ``judged``: what judging it found, if it was judged. ``evidence``: what it rests
+    on.
     """
 
     level: Hypothesis
     confidence: float
     settled: bool = False
     judged: _Judged | None = None
+    evidence: EvidenceKind = "measured"
 
 
 class _JudgedLadder:
@@ -100,9 +108,9 @@ class _JudgedLadder:
         levels: Sequence[Hypothesis],
         samples: SurfaceSamples,
         test: ExactnessTest,
-        proposals: Proposals | None,
+        network: NetworkOutput | None,
     ) -> None:
-        self._context, self._samples, self._test, self._proposals = context, samples, test, proposals
+        self._context, self._samples, self._test, self._network = context, samples, test, network
         # One alone is certain to be judged; of several, one is chosen before.
         self.rungs = [self._rung(level, settled=len(levels) == 1) for level in levels]
 
@@ -113,7 +121,7 @@ class _JudgedLadder:
         while True:
             rung = self._best(choice)
             if rung is None:
-                return None
+                return self._predicted() if choice.tolerance is None else None
             if self._judged(rung).errors.max(initial=0.0) <= self._context.max_error:
                 self._add_exact_part(rung)
                 return rung
@@ -134,27 +142,49 @@ class _JudgedLadder:
         believed = [rung for rung in self.rungs if rung.confidence >= self._context.settings.least_confidence]
         return believed[choose(self._context, [rung.level for rung in believed])] if believed else None
 
+    def _predicted(self) -> _Rung | None:
+        """What the network sees of an open surface, where no level found is believed; None where it is not sure."""
+        context = self._context
+        if self._network is None or context.meter.closed or context.is_spent:
+            return None
+        best = likeliest(guesses(context, self._network))
+        if best is None or best[1] < context.settings.least_confidence:
+            return None
+        level = self._measured(best[0])
+        # What the surface alone bears out is measured, whoever thought of it.
+        seen = level.is_believed(context.settings) and (
+            confidence(context, level, self._network) >= context.settings.least_confidence
+        )
+        judged = self._judge(level, measured=seen)
+        if level.rms > context.limit or judged.errors.max() > context.max_error:
+            return None
+        rung = _Rung(level, best[1], settled=True, judged=judged, evidence="measured" if seen else "predicted")
+        finer = sum(other.level.rms <= level.rms for other in self.rungs)
+        self.rungs.insert(finer if seen else len(self.rungs), rung)
+        return rung
+
     def _largest_exact(self) -> _Rung | None:
         for rung in reversed(self.rungs):
-            if self._judged(rung).verdict.exact:
+            if self._judged(rung).exact:
                 return rung
         return self._add_exact_part(self.rungs[0]) if self.rungs else None
 
     def _add_exact_part(self, rung: _Rung) -> _Rung | None:
         """Put what is exact of a level that is not before it, unless a level says so already."""
-        part = exact_part(self._judged(rung).verdict)
+        verdict = self._judged(rung).verdict
+        part = None if verdict is None else exact_part(verdict)
         index = self.rungs.index(rung)
         if part is None or any(part.name == other.level.name for other in self.rungs[:index]):
             return None
         added = self._rung(part.measured(self._context))
-        if not self._judged(added).verdict.exact:
+        if not self._judged(added).exact:
             return None
         self.rungs.insert(index, added)
         return added
 
     def _rung(self, level: Hypothesis, *, settled: bool = False) -> _Rung:
         level = self._settled(level) if settled else self._measured(level)
-        return _Rung(level, confidence(self._context, level, self._proposals), settled)
+        return _Rung(level, confidence(self._context, level, self._network), settled)
 
     def _settled(self, level: Hypothesis) -> Hypothesis:
         context = self._context
@@ -171,7 +201,7 @@ class _JudgedLadder:
             rung.settled, rung.judged = True, self._judge(rung.level)
         return rung.judged
 
-    def _judge(self, level: Hypothesis) -> _Judged:
+    def _judge(self, level: Hypothesis, *, measured: bool = True) -> _Judged:
         context, samples = self._context, self._samples
         members = level.elements
         if not len(members):
@@ -180,7 +210,7 @@ class _JudgedLadder:
         deviations = context.meter.measure(members, samples.every(stride))
         largest = np.sqrt(np.where(deviations.missing, 0.0, deviations.squared).max(1))
         coverage = deviations.coverage(context.settings.fit_distance)
-        return _Judged(np.square(deviations.rms), coverage, largest, self._test.exact(level))
+        return _Judged(np.square(deviations.rms), coverage, largest, self._test.exact(level) if measured else None)
 
 
 def _telling_points(context: SearchContext) -> FloatArray:
@@ -201,12 +231,14 @@ def _add_elements(rung: _Rung, confidence: FloatArray, result: Symmetries) -> No
         return
     result.point_group = level.name
     members, orders = level.elements, level.group.orders
-    largest, fits = judged.verdict.of(members)
+    largest, fits = judged.largest, np.zeros(len(members), dtype=np.bool_)
+    if judged.verdict is not None:
+        largest, fits = judged.verdict.of(members)
     planes, family = len(level.planes), 0 in orders
     for k in range(len(members)):
         error, coverage = float(judged.errors[k]), float(judged.coverage[k])
         exact, distance = bool(fits[k]), float(max(largest[k], judged.largest[k]))
-        shared = coverage, exact, distance, float(confidence[k])
+        shared = coverage, exact, distance, float(confidence[k]), rung.evidence
         if k < planes:
             continuous = family and (level.name == "Kh" or k < 2)
             result.planes.append(FoundPlane(level.planes[k], error, continuous, *shared))
@@ -223,9 +255,10 @@ def _level(rung: _Rung) -> Level:
         level.missing,
         len(level.group.normals),
         len(level.group.directions),
-        None if judged is None else judged.verdict.exact,
-        () if judged is None else tuple(judged.verdict.patches()),
+        None if judged is None else judged.exact,
+        () if judged is None or judged.verdict is None else tuple(judged.verdict.patches()),
         rung.confidence,
+        rung.evidence,
     )
 
 

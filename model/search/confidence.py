@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from model.network.proposals import Proposals
+from model.network.output import NetworkOutput
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
 from model.search.tilting import tilted
+from model.symmetries import EvidenceKind
 from model.types import FloatArray
 
 _MOST_OPERATIONS, _STRIDE, _BESIDE_STRIDE = 3, 2, 4
@@ -38,8 +39,8 @@ class Evidence:
     worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen
     then, which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number
     of members. ``network``: largest angle between an element measured and the nearest proposal of the network, as a
-    part of 45 degrees. ``one_sided``: length of the mean normal of an open surface. ``open``: 1 if there are open
-    edges, else 0: with the products of the others it makes two regressions of one.
+    part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the mean normal of an open surface. ``open``:
+    1 if there are open edges, else 0: with the products of the others it makes two regressions of one.
     """
 
     deviation: float
@@ -59,13 +60,13 @@ class Evidence:
 NAMES = tuple(field.name for field in fields(Evidence))
 
 
-def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | None) -> Evidence:
+def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput | None) -> Evidence:
     """Measure what speaks for a group where it is placed.
 
     Args:
         context: the shape.
         level: the group.
-        proposals: the network's output, if it was asked.
+        network: what the network says, None if it is not to be asked.
     """
     settings, limit = context.settings, context.limit
     operations = level.generators[:_MOST_OPERATIONS]
@@ -91,23 +92,26 @@ def evidence(context: SearchContext, level: Hypothesis, proposals: Proposals | N
         sharpness=min(float(sharpness), _SHARPEST),
         excused=float(excused.mean()),
         size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
-        network=_from_network(level, proposals),
+        network=_from_network(level, network),
         one_sided=context.meter.one_sidedness,
         open=float(not context.meter.closed),
     )
 
 
-def confidence(context: SearchContext, level: Hypothesis, proposals: Proposals | None) -> float:
+def confidence(context: SearchContext, level: Hypothesis, network: NetworkOutput | None) -> float:
     """The probability, from 0 to 1, that a group is one of the intact shape.
 
     Args:
         context: the shape.
         level: the group, measured where it is placed.
-        proposals: the network's output, if it was asked.
+        network: what the network says, None if it is not to be asked.
     """
     if level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING:
         return 1.0  # what `predict` says, without looking for evidence
-    return float(predict(fitted_coefficients(), np.array([astuple(evidence(context, level, proposals))]))[0])
+    known = learned("measured", NAMES)
+    row = np.array(astuple(evidence(context, level, network)))
+    # Without the network: as if it had said what it usually does.
+    return float(predict(known.coefficients, np.where(np.isnan(row), known.means, row)[None])[0])
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
@@ -117,7 +121,12 @@ def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
     """
     deviation, uncovered = rows[:, NAMES.index("deviation")], rows[:, NAMES.index("uncovered")]
     holds = (deviation <= _ROUNDING) & (uncovered == 0.0)
-    return np.where(holds, 1.0, 1.0 / (1.0 + np.exp(-(terms(rows) @ coefficients))))
+    return np.where(holds, 1.0, logistic(terms(rows) @ coefficients))
+
+
+def logistic(log_odds: FloatArray) -> FloatArray:
+    """Probabilities of their log-odds."""
+    return 1.0 / (1.0 + np.exp(-log_odds))
 
 
 def terms(rows: FloatArray) -> FloatArray:
@@ -126,23 +135,40 @@ def terms(rows: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(rows)), rows, rows[:, first] * rows[:, second]])
 
 
-@lru_cache(maxsize=1)
-def fitted_coefficients() -> FloatArray:
-    """What `python -m training calibrate` found for `terms`, read once."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Learned:
+    """What `python -m training calibrate` found: ``coefficients`` ``(t,)`` of terms, ``means`` ``(e,)`` of evidence."""
+
+    coefficients: FloatArray
+    means: FloatArray
+
+
+@lru_cache(maxsize=2)
+def learned(kind: EvidenceKind, names: tuple[str, ...]) -> Learned:
+    """What ``confidence.json`` holds for one kind of level, read once.
+
+    Args:
+        kind: of the level.
+        names: of the evidence that it is to be for.
+
+    Raises:
+        ValueError: it was made for other evidence.
+    """
     record: dict[str, Any] = json.loads(files("model.search").joinpath("confidence.json").read_text(encoding="utf-8"))
-    if record["evidence"] != list(NAMES):
+    if kind not in record or record[kind]["evidence"] != list(names):
         raise ValueError("confidence.json was made for other evidence: run `python -m training calibrate`")
-    return np.array(record["coefficients"])
+    return Learned(np.array(record[kind]["coefficients"]), np.array(record[kind]["means"]))
 
 
 def _logarithm(part: float) -> float:
     return float(np.log10(max(part, _SMALLEST)))
 
 
-def _from_network(level: Hypothesis, proposals: Proposals | None) -> float:
-    """How far the network's nearest proposals are from the elements measured, at most 1."""
-    if proposals is None:
-        return 1.0
+def _from_network(level: Hypothesis, network: NetworkOutput | None) -> float:
+    """How far the network's nearest proposals are from the elements measured, at most 1; NaN if it was not asked."""
+    if network is None:
+        return np.nan
+    proposals = network.first
     operations = level.generators[:_MOST_OPERATIONS]
     farthest = 0.0
     for k in range(len(operations)):

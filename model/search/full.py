@@ -12,7 +12,7 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine
 from model.geometry.scan import directions, minima
-from model.network.proposals import Proposals
+from model.network.output import NetworkOutput
 from model.search.axis_order import roundness
 from model.search.candidates import RefinedCandidates, refine_and_deduplicate
 from model.search.context import SearchContext
@@ -51,15 +51,15 @@ class Found:
     dropped_errors: FloatArray
 
 
-def find_symmetries(context: SearchContext, proposals: Proposals | None, sources: Sources) -> Found:
+def find_symmetries(context: SearchContext, network: NetworkOutput | None, sources: Sources) -> Found:
     """All symmetry groups of a shape in the unit frame, and the candidates they were built from.
 
     Args:
         context: what to search.
-        proposals: the network's output, used where ``sources`` says so.
+        network: what the network says, asked where ``sources`` says so.
         sources: of candidates.
     """
-    lines = _lines(context, proposals, sources)
+    lines = _lines(context, network, sources)
     nearly_round: list[tuple[FloatArray, FloatArray]] = []
     for line in lines:
         direction, point, exact, rough = _roundness(context, line)
@@ -69,7 +69,7 @@ def find_symmetries(context: SearchContext, proposals: Proposals | None, sources
                 return _found(levels)
         if rough:
             nearly_round.append((direction, point))
-    starts = _starts(context, proposals, sources, [direction for direction, _ in nearly_round])
+    starts = _starts(context, network, sources, [direction for direction, _ in nearly_round])
     refined = refine_and_deduplicate(context, starts)
     ladder = Ladder(context, lines)
     ladder.climb(refined.operations, refined.rms)
@@ -93,13 +93,21 @@ def _found(
     return Found(distinct, refined.operations, refined.rms, refined.dropped, refined.dropped_errors)
 
 
-def _lines(context: SearchContext, proposals: Proposals | None, sources: Sources) -> FloatArray:
+def _starts_from_network(context: SearchContext, sources: Sources) -> bool:
+    """Whether the network's answers may change what is found: of a closed surface the other two find all it would.
+
+    Then it is not waited for, unless something inexact is to be judged.
+    """
+    return sources.network and not (context.meter.closed and sources.inertia and sources.scan)
+
+
+def _lines(context: SearchContext, network: NetworkOutput | None, sources: Sources) -> FloatArray:
     """Directions through the centre that may be axes of high order: ``(k, 3)``, each once."""
     candidates = [np.zeros((0, 3))]
     if sources.inertia:
         candidates.append(context.principal)
-    if sources.network and proposals is not None:
-        candidates.append(proposals.directions)
+    if network is not None and _starts_from_network(context, sources):
+        candidates.append(network.first.directions)
     return distinct_lines(np.concatenate(candidates))
 
 
@@ -115,7 +123,7 @@ def _roundness(context: SearchContext, line: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _starts(
-    context: SearchContext, proposals: Proposals | None, sources: Sources, round_lines: list[FloatArray]
+    context: SearchContext, network: NetworkOutput | None, sources: Sources, round_lines: list[FloatArray]
 ) -> Operations:
     settings = context.settings
     normals: list[FloatArray] = [np.zeros((0, 3))]
@@ -134,7 +142,9 @@ def _starts(
         halves.append(minima(turned, settings.most_axes, settings.promising_axis) @ context.rotation)
     rows = np.concatenate(normals)
     planes = np.column_stack([rows, -rows @ context.centre])
-    if sources.network and proposals is not None:
+    if network is not None and _starts_from_network(context, sources):
+        # What is missing tilts the inertia frame and hides planes from the scan: other views see more.
+        proposals = network.first if context.meter.closed else network.every
         planes = np.concatenate([proposals.planes, planes])
     turns = Operations.rotations(np.concatenate(halves), context.centre, np.pi)
     return Operations.joined([Operations.reflections(planes), turns])

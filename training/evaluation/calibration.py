@@ -4,18 +4,23 @@ Every shape is damaged in several ways and searched. Each group found is then he
 if all of its elements map the intact surface onto itself within the threshold. A logistic regression of what the search
 saw (`model.search.confidence.Evidence`) is fitted to a part of the shapes, and checked on the others: of all groups
 that get a confidence of 0.8 eight in ten must be right.
+
+The same for what the network alone sees (`model.search.prediction`), on those damaged shapes of which no measured group
+is believed by then: only there it is asked.
 """
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from model.detector import Detector, use_one_thread
 from model.errors import PRSNetError
 from model.geometry.frames import UnitFrame
 from model.geometry.refinement import squared_distances
@@ -23,10 +28,13 @@ from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.meshes.mesh import Mesh
 from model.paper.validation import MAX_ERROR
+from model.search import prediction
 from model.search.confidence import NAMES, evidence, predict, terms
-from model.types import BoolArray, FloatArray
+from model.search.hypothesis import Hypothesis
+from model.search.settings import DEFAULT
+from model.symmetries import EvidenceKind
+from model.types import BoolArray, FloatArray, IntArray
 from training.evaluation.corruptions import DAMAGES, corrupt
-from training.evaluation.detectors import loaded
 from training.layouts import SourceFile, find_meshes, parse
 from training.parallel import spread
 from training.shapes.catalogue import random_shape
@@ -42,13 +50,22 @@ _CHECKED = 3
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """One group that was found: on which ``shape``, how damaged, what was ``seen``, its ``error`` on the intact one."""
+    """One group that was found: on which ``shape``, how damaged, what was ``seen``, its ``error`` on the intact one.
+
+    ``evidence``: of a measured group, or of a guess of the network.
+    """
 
     shape: str
     damage: str
     name: str
     seen: tuple[float, ...]
     error: float
+    evidence: EvidenceKind = "measured"
+
+    @property
+    def mesh(self) -> tuple[str, str]:
+        """Which mesh it was found on."""
+        return self.shape, self.damage
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +110,14 @@ def collect(
     return [group for groups in results for group in groups]
 
 
+@lru_cache(maxsize=1)
+def _detector() -> Detector:
+    """Not warmed up: a whole detection reads the confidence that is yet to be learned."""
+    use_one_thread()
+    return Detector.load()
+
+
 def _search(job: _Job) -> list[Group]:
-    detector = loaded()
     try:
         mesh = job.mesh()
     except (PRSNetError, OSError):
@@ -105,45 +128,98 @@ def _search(job: _Job) -> list[Group]:
         try:
             shown = corrupt(mesh.vertices, mesh.faces, damage, job.seed, job.index)
             frame = UnitFrame.of(shown.vertices, shown.faces)
-            context, proposals, found = detector.search(frame.to_unit(shown.vertices), shown.faces)
+            context, network, found = _detector().search(frame.to_unit(shown.vertices), shown.faces)
+            thought = [] if network is None or context.meter.closed else prediction.guesses(context, network)
         except PRSNetError:
             continue
         # The intact shape where the damaged one is, so that what was found needs no translation.
         whole = frame.to_unit(shown.similarity.to_shown(intact.to_unit(mesh.vertices)))
-        surface = SurfaceIndex(whole, mesh.faces)
-        samples, _ = sample_surface(whole, mesh.faces, _SAMPLES, seed=_SEED)
-        ratio = frame.scale / shown.similarity.scale
+        truth = _Intact(whole, mesh.faces, frame.scale / shown.similarity.scale)
         for level in found.levels:
-            squared = squared_distances(surface, samples, level.measured_operations).mean(1)
-            seen = astuple(evidence(context, level, proposals))
-            groups.append(Group(job.name, damage, level.name, seen, float(squared.max() * ratio**2)))
+            seen = astuple(evidence(context, level, network))
+            groups.append(Group(job.name, damage, level.name, seen, truth.error(level)))
+        for guess in thought:
+            groups.append(Group(job.name, damage, guess.level.name, guess.row, truth.error(guess.level), "predicted"))
     return groups
+
+
+class _Intact:
+    """The intact shape, in the unit frame of the damaged one, which is ``ratio`` times as large as its own."""
+
+    def __init__(self, vertices: FloatArray, faces: IntArray, ratio: float) -> None:
+        self._surface, self._ratio = SurfaceIndex(vertices, faces), ratio
+        self._samples, _ = sample_surface(vertices, faces, _SAMPLES, seed=_SEED)
+
+    def error(self, level: Hypothesis) -> float:
+        """The largest SDE of a group's operations, in the intact shape's unit frame."""
+        squared = squared_distances(self._surface, self._samples, level.measured_operations).mean(1)
+        return float(squared.max() * self._ratio**2)
 
 
 def calibrate(groups: Sequence[Group], max_error: float = MAX_ERROR) -> dict[str, Any]:
     """Fit the confidence to two thirds of the shapes, and check it on the others.
 
+    Guesses are few: all are fitted to, and each third is checked by what is fitted to the two others; of each mesh the
+    likeliest, as it is the one that may be the answer.
+
     Returns:
-        ``evidence`` (names), ``coefficients``, and the check: ``groups`` and ``shapes`` (numbers of), ``error``, the
-        expected calibration error; ``brier``, the mean squared difference; ``reliability``: mean confidence, share
-        that is right and number of each bin.
+        ``measured`` and, where there are guesses, ``predicted``, of each its ``evidence`` (names) with their
+        ``means``, ``coefficients``, and the check: ``groups`` and ``shapes`` (numbers of), ``error``, the expected
+        calibration error; ``brier``, the mean squared difference; ``reliability``: mean confidence, share that is right
+        and number of each bin.
     """
-    shapes = sorted({group.shape for group in groups})
-    held = {shape for index, shape in enumerate(shapes) if index % _CHECKED == 0}
-    rows = np.array([group.seen for group in groups])
-    right = np.array([group.error <= max_error for group in groups])
-    check = np.array([group.shape in held for group in groups])
+    third = {shape: index % _CHECKED for index, shape in enumerate(sorted({group.shape for group in groups}))}
+    measured = [group for group in groups if group.evidence == "measured"]
+    rows, right, thirds = _table(measured, third, max_error)
+    check = thirds == 0
     coefficients = _fitted(terms(rows[~check]), right[~check])
-    told = predict(coefficients, rows[check])
+    told = predict(coefficients, rows)
+    record = {"measured": _record(NAMES, coefficients, measured, rows, told[check], right[check])}
+    believed = {group.mesh for group, sure in zip(measured, told, strict=True) if sure >= DEFAULT.least_confidence}
+    guesses = [group for group in groups if group.evidence == "predicted" and group.mesh not in believed]
+    if guesses:
+        rows, right, thirds = _table(guesses, third, max_error)
+        rows = prediction.weighed(rows, coefficients)
+        told = np.empty(len(rows))
+        for held in range(_CHECKED):
+            others = _fitted(prediction.terms(rows[thirds != held]), right[thirds != held])
+            told[thirds == held] = prediction.predict(others, rows[thirds == held])
+        best: dict[tuple[str, str], int] = {}
+        for index in np.argsort(told, kind="stable").tolist():
+            best[guesses[index].mesh] = index
+        likeliest = np.array(list(best.values()))
+        coefficients = _fitted(prediction.terms(rows), right)
+        record["predicted"] = _record(prediction.NAMES, coefficients, guesses, rows, told[likeliest], right[likeliest])
+    return record
+
+
+def _table(
+    groups: Sequence[Group], third: Mapping[str, int], max_error: float
+) -> tuple[FloatArray, BoolArray, IntArray]:
+    """What was seen ``(n, e)``, which groups are right and which third of the shapes they are of: ``(n,)``."""
+    rows = np.array([group.seen for group in groups])
+    right = np.array([group.error <= max_error for group in groups], dtype=np.bool_)
+    return rows, right, np.array([third[group.shape] for group in groups])
+
+
+def _record(
+    names: Sequence[str],
+    coefficients: FloatArray,
+    groups: Sequence[Group],
+    rows: FloatArray,
+    told: FloatArray,
+    right: BoolArray,
+) -> dict[str, Any]:
     return {
-        "evidence": list(NAMES),
-        "coefficients": [float(value) for value in coefficients],
+        "evidence": list(names),
+        "coefficients": coefficients.tolist(),
+        "means": rows.mean(0).tolist(),
         "groups": len(groups),
-        "shapes": len(shapes),
-        "checked": int(check.sum()),
-        "error": expected_calibration_error(told, right[check]),
-        "brier": float(np.square(told - right[check]).mean()),
-        "reliability": reliability(told, right[check]),
+        "shapes": len({group.shape for group in groups}),
+        "checked": len(told),
+        "error": expected_calibration_error(told, right),
+        "brier": float(np.square(told - right).mean()),
+        "reliability": reliability(told, right),
     }
 
 
@@ -195,29 +271,38 @@ def run(
     """Collect, calibrate, and write the record with where it comes from; see `collect` for the arguments.
 
     Raises:
-        ValueError: too few groups were found to learn from.
+        ValueError: too few groups were found, or too few guesses where none is believed, to learn from.
     """
     groups = collect(folders, limit=limit, procedural=procedural, seed=seed, workers=workers, progress=progress)
     if len(groups) < _FEWEST:
         raise ValueError(f"{len(groups)} groups were found on these shapes: {_FEWEST} are the least to learn from")
     names = sorted({group.shape for group in groups})
-    record = calibrate(groups) | {
+    record: dict[str, Any] = {
         "command": f"python -m training calibrate TRAIN --limit {limit} --procedural {procedural} --seed {seed}",
         "revision": git_revision(),
         "shapes_sha256": hashlib.sha256("\n".join(names).encode()).hexdigest(),
-    }
+    } | calibrate(groups)
+    guesses = record.get("predicted", {"groups": 0})["groups"]
+    if guesses < _FEWEST:
+        raise ValueError(f"the network made {guesses} guesses on these shapes: {_FEWEST} are the least to learn from")
     out.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return record
 
 
 def render(record: dict[str, Any]) -> str:
-    """The check of a calibration as a table."""
-    lines = [
-        f"{record['groups']} groups on {record['shapes']} shapes; checked on {record['checked']} of other shapes: "
-        f"expected calibration error {record['error']:.3f}, Brier score {record['brier']:.3f}",
-        "",
-        "| confidence | right | groups |",
-        "| --- | --- | --- |",
-    ]
-    lines += [f"| {bin['confidence']:.2f} | {bin['right']:.2f} | {bin['count']} |" for bin in record["reliability"]]
-    return "\n".join(lines)
+    """The checks of a calibration as tables."""
+    lines: list[str] = []
+    for kind in ("measured", "predicted"):
+        if kind not in record:
+            continue
+        part = record[kind]
+        lines += [
+            f"{kind}: {part['groups']} groups on {part['shapes']} shapes; checked on {part['checked']} of other "
+            f"shapes: expected calibration error {part['error']:.3f}, Brier score {part['brier']:.3f}",
+            "",
+            "| confidence | right | groups |",
+            "| --- | --- | --- |",
+        ]
+        lines += [f"| {bin['confidence']:.2f} | {bin['right']:.2f} | {bin['count']} |" for bin in part["reliability"]]
+        lines.append("")
+    return "\n".join(lines).rstrip()

@@ -90,7 +90,7 @@ export function outcome({ result, problem }: Entry): string {
 }
 
 const COLUMNS =
-  "file,point_group,kind,index,x,y,z,offset,px,py,pz,order,continuous,exact,symmetry_error,rms_distance";
+  "file,point_group,kind,index,x,y,z,offset,px,py,pz,order,continuous,exact,symmetry_error,rms_distance,evidence";
 
 /** A row a plane or axis, as `format=csv` of the service; of a file without any, or without an answer, one row. */
 export function csvOf(entries: Entry[]): string {
@@ -104,6 +104,7 @@ export function csvOf(entries: Entry[]): string {
       found.exact ? "yes" : "no",
       found.symmetry_error,
       found.rms_distance,
+      found.evidence,
     ];
     const found = [
       ...result.planes.map((plane, i) => [

@@ -3,7 +3,7 @@
  * (unit = (input - center) / scale, as the answer's `frame` says).
  */
 
-import type { DetectResult, Matrix, Reason, RejectedResult, SimilarResult, Vector } from "./result";
+import type { DetectResult, Evidence, Matrix, Reason, RejectedResult, SimilarResult, Vector } from "./result";
 import { dot, scaled, subtract } from "./vector";
 
 export type ItemKind = "plane" | "axis";
@@ -21,6 +21,7 @@ export interface Item {
   order: number | null;
   continuous: boolean;
   exact: boolean;
+  evidence: Evidence;
   error: number;
   /** Input units. */
   rms: number;
@@ -79,6 +80,7 @@ export function itemsOf(result: DetectResult): Item[] {
         order: null,
         continuous: false,
         exact: false,
+        evidence: "measured",
         error: entry.symmetry_error,
         rms: Math.sqrt(entry.symmetry_error) * scale,
         reason: "reason" in entry ? entry.reason : "similar",
@@ -94,12 +96,14 @@ function common(entry: {
   symmetry_error: number;
   rms_distance: number;
   exact: boolean;
+  evidence: Evidence;
   continuous: boolean;
 }) {
   return {
     error: entry.symmetry_error,
     rms: entry.rms_distance,
     exact: entry.exact,
+    evidence: entry.evidence,
     continuous: entry.continuous,
     reason: null,
   };

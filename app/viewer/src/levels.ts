@@ -67,6 +67,7 @@ export function levelWords(level: Level, result: DetectResult): string {
   const words = [
     `rms ${lengthOf(level.rms_distance, result)}`,
     level.exact && "exact",
+    level.evidence === "predicted" && `predicted, ${Math.round(100 * level.confidence)} % sure`,
     level.chosen && "chosen",
   ];
   return words.filter(Boolean).join(", ");

@@ -154,11 +154,14 @@ function row(item: Item, store: Store): Row {
 
 const label = (item: Item): string => (item.reason ? (item.kind === "plane" ? "Plane" : "Axis") : item.name);
 
-function note(item: Item): string {
+/** What a result is, beside its name. */
+export function note(item: Item): string {
   if (item.reason) return REASONS[item.reason];
   const turns = item.kind === "axis" && (item.order ? `${item.order}-fold` : "every angle");
   const round = item.kind === "plane" && item.continuous && "one of all through the axis";
-  return [turns, round, item.exact ? "exact" : "approximate"].filter(Boolean).join(", ");
+  const quality =
+    item.evidence === "predicted" ? "predicted, not measured" : item.exact ? "exact" : "approximate";
+  return [turns, round, quality].filter(Boolean).join(", ");
 }
 
 function show({ item, element, pick, eye }: Row, state: State): void {

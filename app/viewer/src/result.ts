@@ -6,6 +6,9 @@ export type Matrix = [Row, Row, Row, Row];
 export type Mode = "full" | "paper";
 export type LevelName = "auto" | "exact";
 
+/** What it rests on: the surface, or the network where too little of the surface is there to tell. */
+export type Evidence = "measured" | "predicted";
+
 interface Measured {
   symmetry_error: number;
   rms_distance: number;
@@ -13,6 +16,10 @@ interface Measured {
   max_distance: number;
   /** Share of the surface whose counterpart is there and fits. */
   coverage: number;
+  /** Probability that it is a symmetry of the intact shape; null in paper mode. */
+  confidence: number | null;
+  evidence: Evidence;
+  /** Never of what is predicted. */
   exact: boolean;
   continuous: boolean;
 }
@@ -63,6 +70,9 @@ export interface Level {
   /** Null where it was not tested. */
   exact: boolean | null;
   chosen: boolean;
+  /** Probability that it is a group of the intact shape. */
+  confidence: number;
+  evidence: Evidence;
   breaks: Patch[];
 }
 

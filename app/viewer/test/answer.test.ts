@@ -132,6 +132,8 @@ test("levels and what breaks them are told in words", () => {
     missing: 0,
     exact: true,
     chosen: true,
+    confidence: 1,
+    evidence: "measured",
     breaks: [patch],
   };
   const metric = { ...RESULT, frame: { ...RESULT.frame, units: "millimeter" } };

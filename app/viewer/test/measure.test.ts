@@ -1,9 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { csvOf, outcome } from "../src/batch";
+import { itemsOf } from "../src/items";
 import { levelWords, wantedFor } from "../src/levels";
+import { note } from "../src/list";
 import { gridLines, gridStep, roundStep, rulerEnds } from "../src/measure";
-import type { DetectResult, Level } from "../src/result";
+import type { DetectResult, Evidence, Level } from "../src/result";
 import type { Entry } from "../src/store";
 
 const RESULT = {
@@ -12,9 +14,16 @@ const RESULT = {
       normal: [1, 0, 0],
       offset: -30,
       point: [30, 5, 7],
+      matrix: [
+        [-1, 0, 0, 60],
+        [0, 1, 0, 0],
+        [0, 0, 1, 0],
+        [0, 0, 0, 1],
+      ],
       symmetry_error: 1e-12,
       rms_distance: 1e-5,
       exact: true,
+      evidence: "measured",
       continuous: false,
     },
   ],
@@ -80,6 +89,18 @@ test("a level is asked for so that it is the largest that holds", () => {
   assert.equal(levelWords({ ...level(0.5, null, false), chosen: false }, RESULT), "rms 0.5 mm");
 });
 
+test("what is predicted is told from what is measured", () => {
+  const level = { rms_distance: 0.5, exact: false, chosen: true, confidence: 0.634 };
+  const words = (evidence: Evidence): string => levelWords({ ...level, evidence } as Level, RESULT);
+  assert.equal(words("predicted"), "rms 0.5 mm, predicted, 63 % sure, chosen");
+  assert.equal(words("measured"), "rms 0.5 mm, chosen");
+  const noted = (evidence: Evidence, exact: boolean): string =>
+    note(itemsOf({ ...RESULT, planes: [{ ...RESULT.planes[0], evidence, exact }] })[0]);
+  assert.equal(noted("predicted", false), "predicted, not measured");
+  assert.equal(noted("measured", false), "approximate");
+  assert.equal(noted("measured", true), "exact");
+});
+
 test("the CSV of several files has a row a plane, and one for what has none", () => {
   const file = (name: string): File => ({ name }) as File;
   const entries: Entry[] = [
@@ -93,7 +114,7 @@ test("the CSV of several files has a row a plane, and one for what has none", ()
   ];
   const lines = csvOf(entries).split("\r\n");
   assert.equal(lines.length, 5);
-  assert.equal(lines[1], "a.stl,Cs,plane,0,1,0,0,-30,30,5,7,,no,yes,1e-12,0.00001");
+  assert.equal(lines[1], "a.stl,Cs,plane,0,1,0,0,-30,30,5,7,,no,yes,1e-12,0.00001,measured");
   assert.match(lines[2], /^"b, ""c"".stl",C1,none,/);
   assert.match(lines[3], /^d\.stl,,empty-mesh,/);
   const width = lines[0].split(",").length;

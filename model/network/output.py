@@ -1,0 +1,57 @@
+"""What the network says of one shape, asked only when it is needed: little where all is there, more where it is not."""
+
+import time
+from collections.abc import Sequence
+from functools import cached_property
+
+from model.network.checkpoint import Checkpoint
+from model.network.proposals import Proposals, predict_each, rotated_voxels
+from model.network.views import other_views
+from model.types import BoolArray, FloatArray, IntArray
+
+_FRAMES = 1
+"""Sign choices of the main frame: more found no more planes where the surface is closed (decision 5)."""
+
+_FRAMES_EACH = 2
+"""Sign choices of each view, where part of the surface is not there."""
+
+
+class NetworkOutput:
+    """The network's answers for one shape, computed when they are first asked for.
+
+    ``spent_ms``: milliseconds of wall clock that this took so far.
+
+    Args:
+        checkpoint: the network.
+        vertices: ``(v, 3)``, unit frame.
+        faces: ``(f, 3)``.
+        voxels: ``(R, R, R)`` of the main view.
+        rotation: ``(3, 3)`` from the unit frame to that of ``voxels``.
+    """
+
+    def __init__(
+        self, checkpoint: Checkpoint, vertices: FloatArray, faces: IntArray, voxels: BoolArray, rotation: FloatArray
+    ) -> None:
+        self._checkpoint, self._vertices, self._faces = checkpoint, vertices, faces
+        self._voxels, self._rotation = voxels, rotation
+        self.spent_ms = 0.0
+
+    @cached_property
+    def first(self) -> Proposals:
+        """What each head says of the main view, unit frame."""
+        return self._asked([self._rotation], _FRAMES)
+
+    @cached_property
+    def every(self) -> Proposals:
+        """What each head says of each view in several sign frames, unit frame: the voters of `model.search.prediction`.
+
+        Of a shape part of which is not there the answers differ, by a degree or altogether.
+        """
+        return self._asked([self._rotation, *other_views(self._rotation)], _FRAMES_EACH)
+
+    def _asked(self, rotations: Sequence[FloatArray], frames: int) -> Proposals:
+        mark = time.perf_counter()
+        others = (rotated_voxels(self._checkpoint, self._vertices, self._faces, turn) for turn in rotations[1:])
+        answer = predict_each(self._checkpoint, [self._voxels, *others], rotations, frames)
+        self.spent_ms += (time.perf_counter() - mark) * 1e3
+        return answer
