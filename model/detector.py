@@ -38,7 +38,7 @@ from model.paper.paper_mode import validate_proposals
 from model.paper.validation import MAX_ERROR
 from model.report import inside_warning, to_input
 from model.search.answer import LevelChoice, answer
-from model.search.confidence import NAMES, learned
+from model.search.confidence import NAMES, is_certain, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, resolution_of
@@ -244,6 +244,8 @@ class Detector:
             meter, sampler, samples, anchors, judging, DistanceGrid(occupied), turn, principal, max_error
         )
         found = find_symmetries(context, network, sources)
+        if network is not None and not all(is_certain(context, level) for level in found.levels):
+            _ = network.first  # it will be evidence: asked here, where less memory is held than while judging
         spent["infer"] = 0.0 if network is None else network.spent_ms
         spent["refine"] = _since(mark) - spent["infer"]
         if timings is not None:

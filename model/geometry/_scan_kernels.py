@@ -4,7 +4,7 @@ import numpy as np
 
 from model._jit import jit, jit_allocating
 from model.geometry._operation_kernels import advance, linear_part
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, ByteArray, FloatArray
 
 
 @jit
@@ -12,7 +12,7 @@ def scan(
     normals: FloatArray,
     points: FloatArray,
     centre: FloatArray,
-    squared: IntArray,
+    squared: ByteArray,
     size: int,
     mirrored: FloatArray,
     turned: FloatArray,
@@ -80,7 +80,7 @@ def _interpolated(distances: AnyArray, size: int, x: float, y: float, z: float) 
 
 @jit
 def score(
-    points: FloatArray, fixed: FloatArray, linear: FloatArray, squared: IntArray, size: int, result: FloatArray
+    points: FloatArray, fixed: FloatArray, linear: FloatArray, squared: ByteArray, size: int, result: FloatArray
 ) -> None:
     """``result`` ``(k,)`` of the images of points in the padded grid of ``size`` cells a side, in cells."""
     for k in range(linear.shape[0]):

@@ -12,7 +12,7 @@ import numpy as np
 from model._jit import kernel_array
 from model.geometry import _scan_kernels as _kernels
 from model.geometry.operations import Operations
-from model.types import AnyArray, BoolArray, FloatArray, IntArray
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray
 
 DIRECTIONS = 1000
 """Neighbours are 4.5 degrees apart; half of that moves a point at the rim by about a voxel of a 32 grid."""
@@ -134,7 +134,7 @@ def minima(scores: FloatArray, count: int, largest: float = np.inf) -> FloatArra
     return directions()[lowest[np.argsort(scores[lowest], kind="stable")][:count]]
 
 
-def _truncated_squares(occupied: BoolArray) -> IntArray:
+def _truncated_squares(occupied: BoolArray) -> ByteArray:
     """Squared distances to the nearest occupied voxel, truncated, in a grid padded by ``TRUNCATION_RADIUS``.
 
     One axis after the other, on the flat array: a shift that leaves a row ends in the padding of the next, which is
@@ -151,4 +151,4 @@ def _truncated_squares(occupied: BoolArray) -> IntArray:
             step, cost = shift * stride, np.uint8(shift * shift)
             np.minimum(squared[step:], before[:-step] + cost, out=squared[step:])
             np.minimum(squared[:-step], before[step:] + cost, out=squared[:-step])
-    return padded.astype(np.int32)
+    return padded

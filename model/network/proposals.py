@@ -63,22 +63,10 @@ def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Seque
     return _proposals(planes, quaternions, rotations)
 
 
-def predict_each(
-    checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Sequence[FloatArray], frames: int
-) -> Proposals:
-    """One batch: what every head says of each view in each of ``frames`` sign choices (at most 8), in the unit frame.
-
-    The other arguments are those of `predict`.
-    """
-    planes, quaternions = (
-        values.reshape(len(values), len(grids), frames, 4) for values in _heads(checkpoint, grids, frames)
-    )
-    views = _proposals(planes, quaternions, rotations)
-    return Proposals(
-        np.concatenate([view.planes for view in views]),
-        np.concatenate([view.directions for view in views]),
-        np.concatenate([view.angles for view in views]),
-    )
+def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
+    """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
+    planes, quaternions = (values[:, None] for values in _heads(checkpoint, [voxels], frames))
+    return _proposals(planes, quaternions, [rotation])[0]
 
 
 def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: int) -> tuple[FloatArray, FloatArray]:

@@ -106,12 +106,17 @@ def confidence(context: SearchContext, level: Hypothesis, network: NetworkOutput
         level: the group, measured where it is placed.
         network: what the network says, None if it is not to be asked.
     """
-    if level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING:
+    if is_certain(context, level):
         return 1.0  # what `predict` says, without looking for evidence
     known = learned("measured", NAMES)
     row = np.array(astuple(evidence(context, level, network)))
     # Without the network: as if it had said what it usually does.
     return float(predict(known.coefficients, np.where(np.isnan(row), known.means, row)[None])[0])
+
+
+def is_certain(context: SearchContext, level: Hypothesis) -> bool:
+    """Whether a level holds everywhere on the surface as it is, to rounding: no evidence is looked for."""
+    return level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
