@@ -23,8 +23,11 @@ from training.trainer.fit import fit
 
 ROOT = Path(__file__).parents[3]
 
+# Few samples: each has a chance to lie so near to a cell's side that rounding decides in which one, and Adam makes much
+# of such a difference.
 RECIPE = """
 name = "shared"
+seed = 1
 validation_share = 0.2
 [network]
 resolution = 8
@@ -34,7 +37,7 @@ frame = "inertia"
 [damage]
 share = 0.5
 [loss]
-samples = 50
+samples = 8
 grid = 32
 [optimizer]
 steps = 6
