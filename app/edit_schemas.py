@@ -8,6 +8,10 @@ from app.schemas import Matrix, MeshInfo, Schema, Timings, Vector
 
 COMPLETION, HALF, SECTOR = "PRSNet-Completion", "PRSNet-Half", "PRSNet-Sector"
 ALIGNMENT = "PRSNet-Alignment"
+
+_CALCULIX = "Lines for an input file of CalculiX."
+_FREECAD = "The same for FreeCAD's Python console."
+_WARNINGS = "What was left out or guessed when the file was read, and whether the plane is predicted."
 """The headers that say what `/complete`, `/halve`, `/sector` and `/align` did."""
 
 
@@ -34,10 +38,7 @@ class Completion(Schema):
         ge=0, description="Farthest that the rim of an added part was moved to close the seam."
     )
     symmetrized: bool
-    warnings: list[str] = Field(
-        default=[],
-        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
-    )
+    warnings: list[str] = Field(default=[], description=_WARNINGS)
 
 
 class CompletedMesh(Schema):
@@ -47,10 +48,6 @@ class CompletedMesh(Schema):
     mesh: MeshInfo
     timings_ms: Timings
     complete_ms: float = Field(ge=0)
-
-
-_CALCULIX = "Lines for an input file of CalculiX."
-_FREECAD = "The same for FreeCAD's Python console."
 
 
 class Half(Schema):
@@ -67,10 +64,7 @@ class Half(Schema):
     calculix: str = Field(default="", description=_CALCULIX)
     freecad: str = Field(default="", description=_FREECAD)
     faces: int = Field(ge=0)
-    warnings: list[str] = Field(
-        default=[],
-        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
-    )
+    warnings: list[str] = Field(default=[], description=_WARNINGS)
 
 
 class HalvedMesh(Schema):
@@ -123,10 +117,7 @@ class Alignment(Schema):
 
     matrix: Matrix = Field(description="Rotation and shift, rows of a 4x4 matrix for column vectors.")
     point_group: str = Field(description="Of the mesh, as `/detect` names it.")
-    warnings: list[str] = Field(
-        default=[],
-        description="What was left out or guessed when the file was read, and whether the plane is predicted.",
-    )
+    warnings: list[str] = Field(default=[], description=_WARNINGS)
 
 
 class AlignedMesh(Schema):

@@ -9,13 +9,12 @@ import numpy as np
 
 from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, LANES
+from model.geometry._bvh_split import half_surface
+from model.geometry._morton import BITS, code, scale_of, sort_range
 from model.types import AnyArray, FloatArray, IntArray
 
 _CELL = FANOUT * LANES
 """A lowest node has so many references at most."""
-
-_BITS = 10
-"""Of a Morton code, for each axis."""
 
 _ALONE = 16.0
 """A box whose surface is so many times the mean is no part of a cell, which it would make large."""
@@ -43,14 +42,14 @@ def sort_into_cells(refs: FloatArray) -> tuple[IntArray, IntArray, FloatArray, b
     waiting = np.empty((count // _CELL + 2, 2), dtype=np.int32)
     waiting[0, 0], waiting[0, 1] = 0, inside
     left, coded = 1, True
-    starts = np.empty(1 << _BITS, dtype=np.int64)
+    starts = np.empty(1 << BITS, dtype=np.int64)
     while left > 0:
         left -= 1
         first, last = int(waiting[left, 0]), int(waiting[left, 1])
         coincide = not coded and _code(refs, order, first, last, keys)
         coded = False
         if not coincide:
-            _sort(keys, order, spare_keys, spare, first, last, starts)
+            sort_range(keys, order, spare_keys, spare, first, last, starts)
         place = first
         while place < last:
             end = _cell_end(keys, place, first, last)
@@ -130,12 +129,6 @@ def with_cells(
 
 
 @jit
-def _half_surface(refs: FloatArray, ref: int) -> float:
-    x, y, z = refs[ref, 3] - refs[ref, 0], refs[ref, 4] - refs[ref, 1], refs[ref, 5] - refs[ref, 2]
-    return x * y + y * z + z * x
-
-
-@jit
 def _cover(refs: FloatArray, order: IntArray, start: int, end: int, box: FloatArray) -> None:
     """Fill `box` with what covers a range of the sorted references."""
     ax, ay, az, bx, by, bz = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
@@ -153,15 +146,15 @@ def _code_all(refs: FloatArray, keys: IntArray, order: IntArray) -> int:
     surface = 0.0
     ax, ay, az, bx, by, bz = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for ref in range(count):
-        surface += _half_surface(refs, ref)
+        surface += half_surface(refs[ref])
         x, y, z = refs[ref, 0] + refs[ref, 3], refs[ref, 1] + refs[ref, 4], refs[ref, 2] + refs[ref, 5]
         ax, ay, az = min(ax, x), min(ay, y), min(az, z)
         bx, by, bz = max(bx, x), max(by, y), max(bz, z)
-    scale = _scale(bx - ax, by - ay, bz - az)
+    scale = scale_of(bx - ax, by - ay, bz - az)
     limit = surface / count * _ALONE
     inside, outside = 0, count
     for ref in range(count):
-        if _half_surface(refs, ref) > limit:
+        if half_surface(refs[ref]) > limit:
             outside -= 1
             order[outside] = ref
         else:
@@ -172,18 +165,12 @@ def _code_all(refs: FloatArray, keys: IntArray, order: IntArray) -> int:
 
 
 @jit
-def _scale(x: float, y: float, z: float) -> float:
-    width = max(x, y, z)
-    return ((1 << _BITS) - 1) / width if width > 1e-290 else 0.0
-
-
-@jit
 def _key(refs: FloatArray, ref: int, x: float, y: float, z: float, scale: float) -> int:
     """The Morton code of a reference's doubled middle, from a corner of the grid on."""
     i = int((refs[ref, 0] + refs[ref, 3] - x) * scale)
     j = int((refs[ref, 1] + refs[ref, 4] - y) * scale)
     k = int((refs[ref, 2] + refs[ref, 5] - z) * scale)
-    return _spaced(i) | (_spaced(j) << 1) | (_spaced(k) << 2)
+    return code(i, j, k)
 
 
 @jit
@@ -195,62 +182,10 @@ def _code(refs: FloatArray, order: IntArray, first: int, last: int, keys: IntArr
         x, y, z = refs[ref, 0] + refs[ref, 3], refs[ref, 1] + refs[ref, 4], refs[ref, 2] + refs[ref, 5]
         ax, ay, az = min(ax, x), min(ay, y), min(az, z)
         bx, by, bz = max(bx, x), max(by, y), max(bz, z)
-    scale = _scale(bx - ax, by - ay, bz - az)
+    scale = scale_of(bx - ax, by - ay, bz - az)
     for place in range(first, last):
         keys[place] = _key(refs, int(order[place]), ax, ay, az, scale)
     return scale == 0.0
-
-
-@jit
-def _spaced(cell: int) -> int:
-    """The ten bits of a number with two zeros after each."""
-    cell = (cell | (cell << 16)) & 0x030000FF
-    cell = (cell | (cell << 8)) & 0x0300F00F
-    cell = (cell | (cell << 4)) & 0x030C30C3
-    return (cell | (cell << 2)) & 0x09249249
-
-
-@jit
-def _sort(
-    keys: IntArray,
-    order: IntArray,
-    spare_keys: IntArray,
-    spare: IntArray,
-    first: int,
-    last: int,
-    starts: AnyArray,
-) -> None:
-    """Sort a range of keys, and `order` with them: by their lowest ten bits, the next ten, and the highest."""
-    _sort_digit(keys, order, spare_keys, spare, first, last, 0, starts)
-    _sort_digit(spare_keys, spare, keys, order, first, last, _BITS, starts)
-    _sort_digit(keys, order, spare_keys, spare, first, last, 2 * _BITS, starts)
-    for place in range(first, last):
-        keys[place], order[place] = spare_keys[place], spare[place]
-
-
-@jit
-def _sort_digit(
-    keys: IntArray,
-    order: IntArray,
-    sorted_keys: IntArray,
-    sorted_order: IntArray,
-    first: int,
-    last: int,
-    shift: int,
-    starts: AnyArray,
-) -> None:
-    mask = starts.shape[0] - 1
-    starts[:] = 0
-    for place in range(first, last):
-        starts[(keys[place] >> shift) & mask] += 1
-    total = first
-    for digit in range(starts.shape[0]):
-        total, starts[digit] = total + starts[digit], total
-    for place in range(first, last):
-        digit = (keys[place] >> shift) & mask
-        to = starts[digit]
-        starts[digit] += 1
-        sorted_keys[to], sorted_order[to] = keys[place], order[place]
 
 
 @jit
@@ -318,7 +253,7 @@ def _cell_end(keys: IntArray, place: int, first: int, last: int) -> int:
         end += 1
     if end - place > _CELL:
         return end
-    while level < 3 * _BITS:
+    while level < 3 * BITS:
         level += 1
         if place > first and keys[place - 1] >> level == keys[place] >> level:
             break

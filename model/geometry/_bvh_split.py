@@ -12,7 +12,7 @@ _SAMPLE = 128  # cells that decide a split of a larger range
 
 
 @jit_allocating
-def split(cells: FloatArray, most: int) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+def split(cells: FloatArray, most: int) -> tuple[FloatArray, IntArray, IntArray, IntArray, bool]:
     """Build the nodes above cells.
 
     Args:
@@ -21,8 +21,9 @@ def split(cells: FloatArray, most: int) -> tuple[FloatArray, IntArray, IntArray,
 
     Returns:
         boxes and children as in ``_bvh.Tree``, ~leaf where a child is none of the nodes; (c,) the order of the cells,
-        and (leaves, 2) which range of them each leaf is.
+        (leaves, 2) which range of them each leaf is, and whether many cells had one centre.
     """
+    coincide = False
     count = cells.shape[0]
     numbers = np.empty(count, dtype=np.int32)
     for cell in range(count):
@@ -73,6 +74,7 @@ def split(cells: FloatArray, most: int) -> tuple[FloatArray, IntArray, IntArray,
                 _measure(cells, start, middle, low)
                 _measure(cells, middle, end, high)
             else:
+                coincide = coincide or (low[6] == low[9] and low[7] == low[10] and low[8] == low[11])
                 middle = _split_large(cells, numbers, start, end, low, high, bins, box, depth > 2 * balanced + 8)
             ranges[chosen, 1], ranges[chosen, 2] = middle, depth
             ranges[used, 0], ranges[used, 1], ranges[used, 2] = middle, end, depth
@@ -94,7 +96,8 @@ def split(cells: FloatArray, most: int) -> tuple[FloatArray, IntArray, IntArray,
                     stack_box[open_nodes] = extents[slot]
                     open_nodes += 1
                     nodes += 1
-    return boxes[: nodes * 6 * FANOUT].copy(), children[: nodes * FANOUT].copy(), numbers, leaves[:found].copy()
+    boxes, children = boxes[: nodes * 6 * FANOUT].copy(), children[: nodes * FANOUT].copy()
+    return boxes, children, numbers, leaves[:found].copy(), coincide
 
 
 @jit
@@ -167,14 +170,14 @@ def _split_small(
     box[3:] = -np.inf
     for index in range(count - 1, 0, -1):
         _grow(box, scratch, index)
-        keys[index] = _half_surface(box) * ((count - index + most - 1) // most)
+        keys[index] = half_surface(box) * ((count - index + most - 1) // most)
     box[:3] = np.inf
     box[3:] = -np.inf
     best, middle = np.inf, most
     for index in range(1, count):
         _grow(box, scratch, index - 1)
         if index % most == 0:
-            cost = _half_surface(box) * (index // most) + keys[index]
+            cost = half_surface(box) * (index // most) + keys[index]
             if cost < best:
                 best, middle = cost, index
     return start + middle
@@ -188,7 +191,8 @@ def _grow(box: FloatArray, boxes: FloatArray, row: int) -> None:
 
 
 @jit
-def _half_surface(box: FloatArray) -> float:
+def half_surface(box: FloatArray) -> float:
+    """Half the surface of a box ``(6,)``."""
     dx, dy, dz = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return dx * dy + dy * dz + dz * dx
 
@@ -254,7 +258,7 @@ def _cheapest_plane(bins: FloatArray, box: FloatArray) -> int:
     for slot in range(_BINS - 1, 0, -1):
         _grow(box, bins, slot)
         count += bins[slot, 6]
-        bins[slot, 7] = _half_surface(box) * count if count > 0.0 else np.inf
+        bins[slot, 7] = half_surface(box) * count if count > 0.0 else np.inf
     box[:3] = np.inf
     box[3:] = -np.inf
     count = 0.0
@@ -263,7 +267,7 @@ def _cheapest_plane(bins: FloatArray, box: FloatArray) -> int:
         _grow(box, bins, slot - 1)
         count += bins[slot - 1, 6]
         if count > 0.0 and bins[slot, 7] < np.inf:
-            cost = _half_surface(box) * count + bins[slot, 7]
+            cost = half_surface(box) * count + bins[slot, 7]
             if cost < best:
                 best, plane = cost, slot
     return plane

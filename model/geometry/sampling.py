@@ -96,10 +96,8 @@ def _draw(
     count, last = numbers.shape[0], sums.shape[0] - 1
     for sample in range(count):
         target = (sample + numbers[sample, 0]) / count * sums[last]
-        face, end = (
-            0,
-            last,
-        )  # the first one up to which there is more; the last with an area, should rounding leave none
+        # The first face up to which there is more; should rounding leave none, the last one with an area.
+        face, end = 0, last
         while face < end:
             middle = (face + end) // 2
             if sums[middle] > target or sums[middle] == sums[last]:

@@ -7,10 +7,11 @@ from model.errors import TooComplexError
 from model.geometry._bvh import LANES, ROWS, Tree
 from model.geometry._bvh_axes import tree_axes
 from model.geometry._bvh_cells import sort_into_cells, with_cells
-from model.geometry._bvh_query import ROUNDING, closest_points, morton_order, search, work_at_first
+from model.geometry._bvh_query import ROUNDING, closest_points, search, work_at_first
 from model.geometry._bvh_references import references
 from model.geometry._bvh_split import split
 from model.geometry._bvh_within import search_within
+from model.geometry._morton import morton_order
 from model.geometry.topology import distinct_faces, duplicate_vertex_map
 from model.geometry.transforms import turned
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -152,10 +153,10 @@ class SurfaceIndex:
 def _built(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray, bool]:
     """Boxes, children and owners as in ``_bvh.Tree``, and whether many triangles had one centre."""
     boxes, owners, crowd = references(vertices, faces)
-    order, cells, cell_boxes, coincide = sort_into_cells(boxes)
     if crowd:  # split down to the leaves: that takes longer, and a query looks into up to a third less
-        nodes, children, order, cells = split(boxes.copy(), LANES)
+        nodes, children, order, cells, coincide = split(boxes.copy(), LANES)
     else:
-        nodes, children, numbers, leaves = split(cell_boxes, 1)
+        order, cells, cell_boxes, coincide = sort_into_cells(boxes)
+        nodes, children, numbers, leaves, _ = split(cell_boxes, 1)
         cells = cells[numbers[leaves[:, 0]]]
     return *with_cells(boxes, owners, order, cells, nodes, children), coincide

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.geometry._bvh_query import morton_order
+from model.geometry._morton import morton_order
 from model.geometry.normals import face_normals
 from model.geometry.open_boundary import OpenBoundary
 from model.geometry.operations import Operations

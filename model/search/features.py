@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from model._jit import kernel_array
-from model.geometry._bvh_query import morton_order
+from model.geometry._morton import morton_order
 from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
 from model.search._feature_kernels import feature_deviations
