@@ -5,6 +5,7 @@ whole batch and goes on with its own part of it, gradients are averaged by Distr
 normalisation takes its statistics over the whole batch.
 """
 
+import gc
 import io
 import os
 from collections.abc import Callable
@@ -13,6 +14,11 @@ from typing import Any
 
 import torch
 import torch.distributed as dist
+
+# Its functions take the group that exists when it is imported as a default (torch 2.13), and DistributedDataParallel
+# imports it: a group that is there already would be held until the interpreter ends, and a thread of gloo's that then
+# drops the last tensor aborts the process.
+import torch.distributed.nn
 from torch import Tensor, nn
 from torch._C._distributed_c10d import PrefixStore, TCPStore
 from torch.nn.parallel import DistributedDataParallel
@@ -99,9 +105,10 @@ class World:
         return DistributedDataParallel(network, forward_sync_buffers=False)
 
     def close(self) -> None:
-        """Leave the group of processes."""
+        """Leave the group of processes and end its threads. Networks it was ``wrapped`` about have to be gone."""
         if self.size > 1:
             dist.destroy_process_group()
+            gc.collect()
 
     def _wait(self) -> None:
         if self.size > 1:

@@ -112,9 +112,13 @@ def fit(
         FloatingPointError: the loss or the gradient is not finite.
     """
     world = join(device)
-    try:
+
+    def train() -> Path:
         trainer = _Trainer(recipe, prepared, Path(run), start, world, precision, on_derive, on_message)
         return trainer.train(log_every, validate_every, max_seconds, on_progress, writer)
+
+    try:
+        return train()
     finally:
         world.close()
 

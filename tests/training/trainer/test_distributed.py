@@ -46,12 +46,14 @@ learning_rate = 0.005
 clip_norm = 500.0
 """
 
+TRAINING = ("-m", "--", "training")  # without --, torchrun takes --run for its own
+
 
 def torchrun(processes: int, *arguments: object, restarts: int = 0) -> "subprocess.Popen[str]":
-    """`torchrun -m training ...` on this machine alone."""
+    """`torchrun ...` on this machine alone."""
     start = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", str(processes)]
     start += ["--max-restarts", str(restarts), "--monitor-interval", "0.1"]
-    command = [*start, "-m", "--", "training", *map(str, arguments)]  # without --, torchrun takes --run for its own
+    command = [*start, *map(str, arguments)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
         command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -84,7 +86,7 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     toml.write_text(RECIPE)
     fit(Recipe.load(toml), prepared, tmp_path / "one", device="cpu", log_every=1)
     options = ("--recipe", toml, "--device", "cpu", "--no-tensorboard")
-    succeeds(torchrun(2, "fit", prepared.root, "--run", tmp_path / "two", *options))
+    succeeds(torchrun(2, *TRAINING, "fit", prepared.root, "--run", tmp_path / "two", *options))
     one, two = (predictions(tmp_path / name, prepared) for name in ("one", "two"))
     torch.testing.assert_close(two, one, rtol=0.0, atol=1e-4)
     # Training has moved them by far more than that.
@@ -100,6 +102,29 @@ def test_two_processes_end_where_one_does(prepared: PreparedSet, tmp_path: Path)
     fit(Recipe.load(toml), prepared, tmp_path / "two", device="cpu")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_run_leaves_no_thread_that_could_outlive_the_interpreter(prepared: PreparedSet, tmp_path: Path):
+    """A thread of gloo's that needs Python while it is being torn down aborts the process (once in many runs)."""
+    toml, script = tmp_path / "recipe.toml", tmp_path / "ended.py"
+    toml.write_text(RECIPE.replace("steps = 6", "steps = 2"))
+    script.write_text("""
+import os
+import sys
+from pathlib import Path
+
+from training.data.prepared import PreparedSet
+from training.recipe import Recipe
+from training.trainer.fit import fit
+
+recipe, prepared, run = map(Path, sys.argv[1:])
+fit(Recipe.load(recipe), PreparedSet(prepared), run, device="cpu")
+threads = [Path("/proc/self/task", task, "comm").read_text().strip() for task in os.listdir("/proc/self/task")]
+run.with_name("threads-" + os.environ["RANK"]).write_text(" ".join(name for name in threads if "gloo" in name))
+""")
+    succeeds(torchrun(2, script, toml, prepared.root, tmp_path / "run"))
+    assert [(tmp_path / f"threads-{rank}").read_text() for rank in range(2)] == ["", ""]
+
+
 @pytest.mark.skipif(os.environ.get("TEST_CLUSTER") != "1", reason="slow: `make cluster` runs it")
 def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: PreparedSet, tmp_path: Path):
     """`torchrun` starts all processes again, and they go on from the last checkpoint."""
@@ -107,7 +132,7 @@ def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: Prep
     toml.write_text(RECIPE.replace("steps = 6", f"steps = {steps}").replace("rate = 0.005", "rate = 0.0005"))
     run = tmp_path / "killed"
     options = ("--recipe", toml, "--device", "cpu", "--no-tensorboard", "--validate-every", 4)
-    process = torchrun(2, "fit", prepared.root, "--run", run, *options, restarts=2)
+    process = torchrun(2, *TRAINING, "fit", prepared.root, "--run", run, *options, restarts=2)
     end = time.monotonic() + 120
     while not (run / "last.pt").is_file():
         assert process.poll() is None, process.stderr and process.stderr.read()
@@ -123,7 +148,7 @@ def test_a_process_is_killed_and_the_run_ends_as_if_none_had_been(prepared: Prep
     assert 4 <= resumed < steps
     assert [int(row["step"]) for row in rows_of(run)] == list(range(4, steps + 1, 4))
     # The same run as without the accident ...
-    succeeds(torchrun(2, "fit", prepared.root, "--run", tmp_path / "two", *options))
+    succeeds(torchrun(2, *TRAINING, "fit", prepared.root, "--run", tmp_path / "two", *options))
     two, killed = (predictions(folder, prepared) for folder in (tmp_path / "two", run))
     assert (killed - two).abs().max() < 1e-5
     # ... and that of one process, but for what 20 steps make of another order of summation.
