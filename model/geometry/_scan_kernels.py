@@ -46,6 +46,27 @@ def scan(
 
 
 @jit
+def scan_planes(
+    normals: FloatArray, offsets: FloatArray, points: FloatArray, squared: ByteArray, size: int, result: FloatArray
+) -> None:
+    """``result`` ``(m, k)`` of mirror planes with normals ``(k, 3)`` at offsets ``(m, k)``; otherwise as `scan`."""
+    zero, last, side = np.int32(0), np.int32(size - 1), np.int32(size)
+    count = points.shape[1]
+    for m in range(offsets.shape[0]):
+        for k in range(normals.shape[0]):
+            nx, ny, nz, offset = normals[k, 0], normals[k, 1], normals[k, 2], offsets[m, k]
+            total = np.int32(0)
+            for i in range(count):
+                x, y, z = points[0, i], points[1, i], points[2, i]
+                twice = 2.0 * (x * nx + y * ny + z * nz + offset)
+                a = min(max(np.int32(x - twice * nx), zero), last)
+                b = min(max(np.int32(y - twice * ny), zero), last)
+                c = min(max(np.int32(z - twice * nz), zero), last)
+                total += squared[(a * side + b) * side + c]
+            result[m, k] = total / count
+
+
+@jit
 def _image(
     points: FloatArray, i: int, fixed: FloatArray, linear: FloatArray, k: int, last: float
 ) -> tuple[float, float, float]:

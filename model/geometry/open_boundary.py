@@ -1,5 +1,7 @@
 """Where a surface ends without having been seen to end: its open boundary, and which points lie beyond it."""
 
+from functools import cached_property
+
 import numpy as np
 
 from model.geometry import _boundary_kernels as _kernels
@@ -26,6 +28,9 @@ _ONE_SIDED = 0.25
 """Length of the mean normal, weighted by area, above which a surface was seen from one side only. It is 0 for a closed
 surface and some 0.5 for a depth image."""
 
+_TURN = 0.25
+"""Sine of the angle by which a rim turns at a corner at least to be called ragged there."""
+
 
 class OpenBoundary:
     """The open edges of a surface in the unit frame, and what they say about points off it.
@@ -43,7 +48,7 @@ class OpenBoundary:
     def __init__(
         self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, first: IntArray, edges: EdgeTable
     ) -> None:
-        self._surface = surface
+        self._surface, self._faces, self._first = surface, faces, first
         self._edges = edges.open
         self.is_empty = not self._edges.any()
         self.one_sidedness = 0.0
@@ -52,6 +57,35 @@ class OpenBoundary:
         self.one_sidedness = _mean_normal(vertices, faces)
         self._normals = face_normals(surface.tree.vertices, faces)
         self._ends = _open_corners(self._edges, faces, first)
+
+    @cached_property
+    def raggedness(self) -> float:
+        """Share of the length of all rims that zigzags, turning one way at one end of an edge and back at the other.
+
+        What was torn off a mesh, or not seen by a scanner, leaves such rims; whoever means a surface to end draws
+        straight ones and curves. 0 without open edges.
+        """
+        if self.is_empty:
+            return 0.0
+        at = np.nonzero(self._edges)
+        ends = self._first[np.stack([self._faces[at], self._faces[at[0], (at[1] + 1) % 3]], 1)].astype(np.int64)
+        # Of a corner where two open edges meet, the far end of the other one is known from the sum of both.
+        count = np.bincount(ends.ravel(), minlength=len(self._first))
+        total = np.bincount(ends.ravel(), ends[:, ::-1].ravel(), minlength=len(self._first)).astype(np.int64)
+        simple = (count[ends] == 2).all(1)
+        ends, every = ends[simple], self._lengths(ends).sum()
+        before, behind = (total[ends[:, k]] - ends[:, 1 - k] for k in range(2))
+        vertices = self._surface.tree.vertices
+        way = [vertices[ends[:, 0]] - vertices[before], vertices[ends[:, 1]] - vertices[ends[:, 0]]]
+        way = [_unit(part) for part in [*way, vertices[behind] - vertices[ends[:, 1]]]]
+        turns = [np.cross(way[k], way[k + 1]) for k in range(2)]
+        sharp = np.minimum(*(np.square(turn).sum(1) for turn in turns)) > _TURN**2
+        ragged = sharp & ((turns[0] * turns[1]).sum(1) < 0.0)
+        return float(self._lengths(ends[ragged]).sum() / every) if every > 0.0 else 0.0
+
+    def _lengths(self, ends: IntArray) -> FloatArray:
+        vertices = self._surface.tree.vertices
+        return np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
 
     def distances(
         self, points: FloatArray, normals: FloatArray, operations: Operations, near: float
@@ -103,6 +137,10 @@ def _open_corners(edges: BoolArray, faces: IntArray, first: IntArray) -> BoolArr
     for k in range(3):
         result[first[faces[edges[:, k]][:, [k, (k + 1) % 3]].ravel()]] = True
     return result[first]
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
 
 
 def _mean_normal(vertices: FloatArray, faces: IntArray) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from model._jit import kernel_array
 from model.geometry import _scan_kernels as _kernels
 from model.geometry.operations import Operations
-from model.types import AnyArray, BoolArray, ByteArray, FloatArray
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 
 DIRECTIONS = 1000
 """Neighbours are 4.5 degrees apart; half of that moves a point at the rim by about a voxel of a 32 grid."""
@@ -57,6 +57,14 @@ class DistanceGrid:
         centre = self._cells(self.centre)
         _kernels.scan(directions(), points, centre, self.squared.ravel(), len(self.squared), mirrored, turned)
         return mirrored, turned
+
+    def scan_planes(self, offsets: FloatArray) -> FloatArray:
+        """Scores of all `directions` as normals of planes at offsets ``(m, D)``, ``n . x + offset = 0``: ``(m, D)``."""
+        result, normals = np.empty(offsets.shape), directions()
+        points = np.ascontiguousarray(self._cells(self.points).T)
+        shifted = kernel_array(self.resolution * offsets - self._cells(np.zeros(3)) @ normals.T, np.float64)
+        _kernels.scan_planes(normals, shifted, points, self.squared.ravel(), len(self.squared), result)
+        return result
 
     def score(self, operations: Operations) -> FloatArray:
         """Mean squared distances, in voxels, of the points' images under operations in the grid's frame: ``(k,)``."""
@@ -130,8 +138,13 @@ def _neighbours() -> AnyArray:
 
 def minima(scores: FloatArray, count: int, largest: float = np.inf) -> FloatArray:
     """Directions no neighbour of which scores better, ``(m, 3)``: the best ``count`` up to a ``largest`` score."""
-    lowest = np.flatnonzero((scores <= scores[_neighbours()].min(1)) & (scores <= largest))
-    return directions()[lowest[np.argsort(scores[lowest], kind="stable")][:count]]
+    return directions()[lowest(scores, count, largest)]
+
+
+def lowest(scores: FloatArray, count: int, largest: float) -> IntArray:
+    """The same as indices of `directions`: ``(m,)``."""
+    candidates = np.flatnonzero((scores <= scores[_neighbours()].min(1)) & (scores <= largest))
+    return candidates[np.argsort(scores[candidates], kind="stable")][:count]
 
 
 def _truncated_squares(occupied: BoolArray) -> ByteArray:

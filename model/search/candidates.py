@@ -23,6 +23,8 @@ fit exactly and the others count as missing."""
 
 _COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
+_START_ANGLE = float(np.deg2rad(2.0))
+_MOST_STARTS, _CLOSE_STEPS, _CLOSE_SCALE = 48, 6, 0.03
 _UNPROMISING, _POOR = 2.5, 1.5
 """Candidates are dropped that map the voxels so badly (squared voxels), or whose truncated error exceeds the threshold
 so many times after a few steps."""
@@ -41,8 +43,14 @@ class RefinedCandidates:
     dropped_errors: FloatArray
 
 
-def refine_and_deduplicate(context: SearchContext, starts: Operations) -> RefinedCandidates:
-    """Refine ``starts`` on the exact distance and keep the good ones, each once."""
+def refine_and_deduplicate(context: SearchContext, starts: Operations, beside: Operations) -> RefinedCandidates:
+    """Refine starts on the exact distance and keep the good ones, each once.
+
+    Args:
+        context: the shape.
+        starts: may be some way off.
+        beside: more of them, for a surface part of which may be missing: they are tried where they are.
+    """
     surface, max_error = context.surface, context.max_error
     few = context.samples.points[::_COARSE_STRIDE]
     dropped: list[Operations] = []
@@ -60,12 +68,17 @@ def refine_and_deduplicate(context: SearchContext, starts: Operations) -> Refine
     drop(operations[kept[errors[kept] > _UNPROMISING]])
     operations = operations[kept[errors[kept] <= _UNPROMISING]]
     operations = refine(surface, context.points(_COARSE_STRIDE), operations, 3, scale=0.12, step_tolerance=1e-5)
+    if not context.meter.closed:
+        operations = Operations.joined([operations, _refined_closely(context, Operations.joined([starts, beside]))])
     squared = squared_distances(surface, few, operations)
     errors = np.minimum(squared, cut).mean(1)
     good = errors <= _POOR * max_error
     dropped.append(operations[~good])
     dropped_errors.append(squared[~good].mean(1))
-    operations, errors = operations[good], errors[good]
+    operations, squared, errors = operations[good], squared[good], errors[good]
+    if not context.meter.closed:
+        # How much fits says more than how far off the rest is, which may be missing.
+        errors = (squared / (squared + context.settings.fit_distance**2)).mean(1)
     operations = operations[distinct(operations, errors)[:_MOST_CANDIDATES]]
     operations = refine(surface, context.points(_FINE_STRIDE), operations, 6, scale=0.02)
     deviations = context.meter.measure(operations, context.judging)
@@ -73,6 +86,18 @@ def refine_and_deduplicate(context: SearchContext, starts: Operations) -> Refine
     # A candidate that leaves much unexplained comes later.
     rms = deviations.rms + context.settings.missing_cost * deviations.missing_share
     return RefinedCandidates(operations[kept], rms[kept], Operations.joined(dropped), np.concatenate(dropped_errors))
+
+
+def _refined_closely(context: SearchContext, starts: Operations) -> Operations:
+    """The most promising starts, refined by what is near from the beginning.
+
+    On the voxels, and as long as far images have a say, a missing part pulls even good starts away.
+    """
+    errors = context.interpolated_errors(starts)
+    kept = np.array(distinct(starts, errors, _START_ANGLE), dtype=np.intp)
+    kept = kept[errors[kept] <= _UNPROMISING][:_MOST_STARTS]
+    points = context.points(_COARSE_STRIDE)
+    return refine(context.surface, points, starts[kept], _CLOSE_STEPS, scale=_CLOSE_SCALE, step_tolerance=1e-5)
 
 
 def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operations) -> FloatArray:

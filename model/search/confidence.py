@@ -24,6 +24,9 @@ _MOST_OPERATIONS, _STRIDE, _BESIDE_STRIDE = 3, 2, 4
 _SMALLEST = 1e-5
 _FARTHEST = float(np.deg2rad(45.0))
 _SHARPEST, _LARGEST = 3.0, 6.0
+_STRAIGHT = 0.003
+"""Rims of which no larger a share zigzags are as somebody drew them."""
+
 _ROUNDING = -3.0
 """Logarithm of the RMS deviation that rounding of coordinates leaves, as a part of the threshold."""
 
@@ -39,8 +42,9 @@ class Evidence:
     worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen
     then, which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number
     of members. ``network``: largest angle between an element measured and the nearest proposal of the network, as a
-    part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the mean normal of an open surface. ``open``:
-    1 if there are open edges, else 0: with the products of the others it makes two regressions of one.
+    part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the mean normal of an open surface.
+    ``ragged``: logarithm of the share of its rims that zigzags, as where something was torn off. ``open``: 1 if there
+    are open edges, else 0: with the products of the others it makes two regressions of one.
     """
 
     deviation: float
@@ -54,6 +58,7 @@ class Evidence:
     size: float
     network: float
     one_sided: float
+    ragged: float
     open: float
 
 
@@ -94,6 +99,7 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
         size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
         network=_from_network(level, network),
         one_sided=context.meter.one_sidedness,
+        ragged=float(np.log10(max(context.meter.raggedness, _STRAIGHT))),
         open=float(not context.meter.closed),
     )
 

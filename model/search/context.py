@@ -6,7 +6,7 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.geometry.sampling import SurfaceSampler
-from model.geometry.scan import DistanceGrid, directions, minima
+from model.geometry.scan import DistanceGrid, directions, lowest, minima
 from model.geometry.surface import WORK, SurfaceIndex
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.settings import DEFAULT, SearchSettings
@@ -78,6 +78,22 @@ class SearchContext:
             scores = self.grid.score(Operations.rotations(lines, self.grid.centre, angle))
             found.append(minima(scores, _ODD_LINES, self.settings.promising_axis))
         return np.concatenate(found) @ self.rotation
+
+    def shifted_planes(self) -> FloatArray:
+        """Planes off the centre that map the voxels onto themselves best, ``(k, 4)``: of each shift some.
+
+        What is missing moves the centre away from planes that it lies on one side of. They may be any way off; midway
+        between what reaches farthest on either side, unless just that is missing.
+        """
+        lines, settings = directions(), self.settings
+        along = (self.anchors @ self.rotation.T) @ lines.T
+        shifts = np.array([[-2.0], [-1.0], [1.0], [2.0]]) * settings.shift - self.grid.centre @ lines.T
+        offsets = np.concatenate([shifts, -(along.min(0) + along.max(0))[None] / 2.0])
+        found = [np.zeros((0, 4))]
+        for each, scores in zip(offsets, self.grid.scan_planes(offsets), strict=True):
+            best = lowest(scores, settings.most_planes, settings.promising_holed)
+            found.append(np.column_stack([lines[best] @ self.rotation, each[best]]))
+        return np.concatenate(found)
 
     def interpolated_errors(self, operations: Operations) -> FloatArray:
         """Finer scores, see `DistanceGrid.interpolated_error`: ``(k,)``."""

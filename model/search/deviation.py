@@ -104,6 +104,11 @@ class DeviationMeter:
         """Length of the mean normal of an open surface, some 0.5 for a depth image; 0 for a closed one."""
         return self._boundary.one_sidedness
 
+    @property
+    def raggedness(self) -> float:
+        """See `OpenBoundary`."""
+        return self._boundary.raggedness
+
     def measure(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         """Deviations of k operations at n samples of the surface."""
         if self.closed:

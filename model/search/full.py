@@ -70,7 +70,7 @@ def find_symmetries(context: SearchContext, network: NetworkOutput | None, sourc
         if rough:
             nearly_round.append((direction, point))
     starts = _starts(context, network, sources, [direction for direction, _ in nearly_round])
-    refined = refine_and_deduplicate(context, starts)
+    refined = refine_and_deduplicate(context, starts, _starts_beside(context, sources))
     ladder = Ladder(context, lines)
     ladder.climb(refined.operations, refined.rms)
     ladder.extend_roughly()
@@ -132,7 +132,8 @@ def _starts(
         normals.append(context.principal)
     if sources.scan:
         mirrored, turned = context.grid.scan
-        scanned = minima(mirrored, settings.most_planes, settings.promising_plane) @ context.rotation
+        promising = settings.promising_plane if context.meter.closed else settings.promising_holed
+        scanned = minima(mirrored, settings.most_planes, promising) @ context.rotation
         if len(round_lines) > 1:  # nearly a sphere: the scan sees nothing
             scanned = directions()[::_DIRECTION_STRIDE]
         if len(round_lines) == 1:  # about a nearly round axis all planes look alike to the scan: a few are enough
@@ -148,3 +149,9 @@ def _starts(
         planes = np.concatenate([proposals.planes, planes])
     turns = Operations.rotations(np.concatenate(halves), context.centre, np.pi)
     return Operations.joined([Operations.reflections(planes), turns])
+
+
+def _starts_beside(context: SearchContext, sources: Sources) -> Operations:
+    """Planes of an open surface that do not pass through the centre of what is there."""
+    shifted = context.shifted_planes() if sources.scan and not context.meter.closed else np.zeros((0, 4))
+    return Operations.reflections(shifted)

@@ -134,6 +134,8 @@ class Ladder:
         if identified is None or distances_from(members, centre).max() > settings.same_distance:
             return settings.growth * tolerance
         name, frame = identified
+        if name == group.name:
+            return np.inf  # it stands beside one of the group's own elements, which holds better: nothing grows
         return self._try(Hypothesis(point_group(name), frame, centre), tolerance)
 
     def _try(self, hypothesis: Hypothesis, tolerance: float, key: tuple[object, ...] | None = None) -> float:

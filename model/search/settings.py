@@ -40,6 +40,8 @@ class SearchSettings:
         most_planes, most_axes: local minima of the scan that are refined.
         promising_plane, promising_axis: scores of the scan, squared voxels, above which nothing is refined ...
         promising_exact: ... and above which no rotation is a symmetry if nothing is missing.
+        promising_holed: the same as ``promising_plane`` where surface may be missing.
+        shift: distance between parallel planes that are tried there.
     """
 
     refine_samples: int = 240
@@ -71,6 +73,8 @@ class SearchSettings:
     promising_plane: float = 1.5
     promising_axis: float = 1.5
     promising_exact: float = 0.7
+    promising_holed: float = 3.0
+    shift: float = 0.04
 
 
 DEFAULT = SearchSettings()
