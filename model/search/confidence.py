@@ -21,30 +21,31 @@ from model.symmetries import EvidenceKind
 from model.types import FloatArray
 
 _MOST_OPERATIONS, _STRIDE, _BESIDE_STRIDE = 3, 2, 4
-_SMALLEST = 1e-5
 _FARTHEST = float(np.deg2rad(45.0))
 _SHARPEST, _LARGEST = 3.0, 6.0
 _STRAIGHT = 0.003
 """Rims of which no larger a share zigzags are as somebody drew them."""
 
 _ROUNDING = -3.0
-"""Logarithm of the RMS deviation that rounding of coordinates leaves, as a part of the threshold."""
+"""Logarithm of the RMS deviation that rounding of coordinates leaves, as a part of the threshold: less is chance, and
+says no more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """What speaks for a group and against it, in numbers near to 1.
 
-    ``deviation``, ``median``: logarithms (base 10) of the RMS and median deviation as parts of the threshold.
-    ``missing``: share of the surface whose counterpart was not seen, the mean over the operations; ``unsupported``:
-    that no operation found. ``uncovered``: share whose counterpart is not there within the distance that fits;
-    ``contradicting``: share that is taken off a surface that is there. ``sharpness``: logarithm of how many times
-    worse, squared, the operations are when tilted; ``excused``: share of the surface whose counterpart was not seen
-    then, which is large where open edges are everywhere and excuse anything. ``size``: logarithm (base 2) of the number
-    of members. ``network``: largest angle between an element measured and the nearest proposal of the network, as a
-    part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the mean normal of an open surface.
-    ``ragged``: logarithm of the share of its rims that zigzags, as where something was torn off. ``open``: 1 if there
-    are open edges, else 0: with the products of the others it makes two regressions of one.
+    ``deviation``, ``median``: logarithms (base 10) of the RMS and median deviation as parts of the threshold,
+    rounding aside. ``missing``: share of the surface whose counterpart was not seen, the mean over the operations;
+    ``unsupported``: that no operation found. ``uncovered``: share whose counterpart is not there within the
+    distance that fits; ``contradicting``: share that is taken off a surface that is there. ``sharpness``: logarithm
+    of how many times worse, squared, the operations are when tilted; ``excused``: share of the surface whose
+    counterpart was not seen then, which is large where open edges are everywhere and excuse anything. ``size``:
+    logarithm (base 2) of the number of members. ``network``: largest angle between an element measured and the
+    nearest proposal of the network, as a part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the
+    mean normal of an open surface. ``ragged``: logarithm of the share of its rims that zigzags, as where something
+    was torn off. ``open``: 1 if there are open edges, else 0: with the products of the others it makes two
+    regressions of one.
     """
 
     deviation: float
@@ -86,7 +87,8 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
         aside = context.meter.measure(tilted(operations[[k]], settings.tilt), few)
         beside[k] = np.median(np.minimum(aside.squared, cut).mean(1))
         excused[k] = aside.missing_share.mean()
-    sharpness = np.log10(np.maximum(beside, _SMALLEST**2) / np.maximum(own, _SMALLEST**2)).min()
+    rounding = settings.file_precision**2
+    sharpness = np.log10(np.maximum(beside, rounding) / np.maximum(own, rounding)).min()
     return Evidence(
         deviation=_logarithm(level.rms / limit),
         median=_logarithm(float(np.sqrt(np.median(there))) / limit if len(there) else 1.0),
@@ -172,7 +174,7 @@ def learned(kind: EvidenceKind, names: tuple[str, ...]) -> Learned:
 
 
 def _logarithm(part: float) -> float:
-    return float(np.log10(max(part, _SMALLEST)))
+    return float(np.log10(max(part, 10.0**_ROUNDING)))
 
 
 def _from_network(level: Hypothesis, network: NetworkOutput | None) -> float:
