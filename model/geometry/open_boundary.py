@@ -9,7 +9,7 @@ from model.geometry.edges import EdgeTable
 from model.geometry.normals import face_normals
 from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
-from model.types import BoolArray, FloatArray, IntArray
+from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _PROBE = 5e-4
 """How far beyond an edge surface is looked for, unit frame."""
@@ -83,7 +83,7 @@ class OpenBoundary:
         ragged = sharp & ((turns[0] * turns[1]).sum(1) < 0.0)
         return float(self._lengths(ends[ragged]).sum() / every) if every > 0.0 else 0.0
 
-    def _lengths(self, ends: IntArray) -> FloatArray:
+    def _lengths(self, ends: AnyArray) -> FloatArray:
         vertices = self._surface.tree.vertices
         return np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
 

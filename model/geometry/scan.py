@@ -12,7 +12,7 @@ import numpy as np
 from model._jit import kernel_array
 from model.geometry import _scan_kernels as _kernels
 from model.geometry.operations import Operations
-from model.types import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray
 
 DIRECTIONS = 1000
 """Neighbours are 4.5 degrees apart; half of that moves a point at the rim by about a voxel of a 32 grid."""
@@ -141,7 +141,7 @@ def minima(scores: FloatArray, count: int, largest: float = np.inf) -> FloatArra
     return directions()[lowest(scores, count, largest)]
 
 
-def lowest(scores: FloatArray, count: int, largest: float) -> IntArray:
+def lowest(scores: FloatArray, count: int, largest: float) -> AnyArray:
     """The same as indices of `directions`: ``(m,)``."""
     candidates = np.flatnonzero((scores <= scores[_neighbours()].min(1)) & (scores <= largest))
     return candidates[np.argsort(scores[candidates], kind="stable")][:count]
