@@ -197,7 +197,8 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
 
 def _completion(pairs: Pairs) -> dict[str, Any]:
     """How much of the intact surface there is before and after mirroring; nothing where nothing is missing."""
-    clear = [pair for pair in pairs if pair[0]["clear_planes"] and "surface_after" in pair[1]]
+    # Records of reports that are older than these columns do not have them.
+    clear = [pair for pair in pairs if pair[0]["clear_planes"] and "surface_all" in pair[1]]
     if all(record["surface_before"] == 1.0 for record, _ in clear):
         return {}
     return {
