@@ -98,6 +98,7 @@ def test_results_come_out_and_a_second_call_judges_nothing_anew(
     ]
     by = {(row["damage"], row["method"]): float(row["clear_best_mean"]) for row in rows}
     assert by["rotated", "pca+refined"] < 1e-12
+    assert float(rows[0]["apart"]) == pytest.approx(90.0)  # of eigenvectors
     assert by["rotated", "pca+refined"] < by["partial", "pca"]
     for picture in ("chart.png", "gallery-rotated.png", "gallery-partial.png"):
         assert (out / picture).read_bytes().startswith(b"\x89PNG")
