@@ -107,6 +107,16 @@ def reproduce(
         list[Path] | None, typer.Argument(help="Folders of meshes; without any, procedural shapes are made.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of results; reproduced/EXPERIMENT.")] = None,
+    judged: Annotated[
+        list[Path] | None,
+        typer.Option("--judge", help="Judge networks on this folder, and train on all of the others; may be repeated."),
+    ] = None,
+    prepared: Annotated[
+        Path | None, typer.Option(help="Folder of the prepared set, for several experiments that share one.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="SECTION.FIELD=VALUE of the training recipe; may be repeated.")
+    ] = None,
     ground_truth: Annotated[Path | None, typer.Option("--groundtruth", help="File that `groundtruth` wrote.")] = None,
     recorded: Annotated[Path | None, typer.Option(help="CSV file of planes that other programs found.")] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Judge so many shapes instead of its own number.")] = None,
@@ -114,6 +124,10 @@ def reproduce(
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of its own steps.")] = None,
     methods: Annotated[str | None, typer.Option(help="Instead of its own, separated by commas.")] = None,
     damage: Annotated[str | None, typer.Option(help="Instead of its own, separated by commas.")] = None,
+    renew: Annotated[
+        str | None,
+        typer.Option(help="Judge these methods anew where the results at hand are of another revision of the code."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of poses, damage and the draw of shapes.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     progress: Verbose = True,
@@ -131,6 +145,9 @@ def reproduce(
             experiment,
             folders or [],
             out or Path("reproduced") / Path(experiment).stem,
+            judged=judged or (),
+            prepared=prepared,
+            settings=settings or (),
             ground_truth=ground_truth,
             recorded=recorded,
             limit=limit,
@@ -138,6 +155,7 @@ def reproduce(
             steps=steps,
             methods=methods.split(",") if methods else (),
             damages=damage.split(",") if damage else (),
+            renew=renew.split(",") if renew else (),
             seed=seed,
             workers=workers,
             progress=progress,

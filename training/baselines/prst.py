@@ -24,11 +24,12 @@ POINTS, PAIRS = 20_000, 2_000_000
 MAXIMA = 40
 """At most so many are refined, ..."""
 
-LEAST = 0.2
+LEAST = 0.05
 """... of those with so large a share of the most votes."""
 
-_CLOSEST = 0.1
-"""Pairs nearer than this (unit frame) are left out: they vote for the tangent planes, the more the nearer they are."""
+CLOSEST = 1.0 / 32.0
+"""Pairs nearer than this (unit frame) are left out: they vote for the tangent planes, the more the nearer they are. But
+the plane half-way through a washer has no other votes than those of pairs as near as the washer is thick."""
 
 _BLUR = 1.0
 _EDGES: Any = ("nearest", "wrap", "nearest")  # scipy's stubs know one mode for all axes only
@@ -39,10 +40,12 @@ _SAME_ANGLE, _SAME_OFFSET = np.deg2rad(2.0), 0.01
 def find_planes(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> FloatArray:
     """`training.baselines.Baseline`."""
     points, _ = sample_surface(vertices, faces, POINTS, seed=int(rng.integers(2**32)))
-    return maxima_of_votes(points, vertices, faces, rng)
+    return maxima_of_votes(points, vertices, faces, rng, CLOSEST)
 
 
-def maxima_of_votes(points: FloatArray, vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> FloatArray:
+def maxima_of_votes(
+    points: FloatArray, vertices: FloatArray, faces: IntArray, rng: np.random.Generator, least_distance: float
+) -> FloatArray:
     """The transform's maxima ``(k, 4)``, refined, most votes first.
 
     Args:
@@ -50,9 +53,10 @@ def maxima_of_votes(points: FloatArray, vertices: FloatArray, faces: IntArray, r
         vertices: ``(v, 3)`` of the surface, unit frame.
         faces: ``(f, 3)``.
         rng: draws the pairs.
+        least_distance: unit frame, of a pair that votes.
     """
     first, second = points[rng.integers(len(points), size=(2, PAIRS))]
-    planes, weights = _votes(first, second)
+    planes, weights = _votes(first, second, least_distance)
     surface = SurfaceIndex(vertices, faces)
     samples, _ = sample_surface(vertices, faces, _SAMPLES, seed=int(rng.integers(2**32)))
     kept: list[FloatArray] = []
@@ -63,11 +67,11 @@ def maxima_of_votes(points: FloatArray, vertices: FloatArray, faces: IntArray, r
     return np.array(kept).reshape(-1, 4)
 
 
-def _votes(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _votes(first: FloatArray, second: FloatArray, least_distance: float) -> tuple[FloatArray, FloatArray]:
     """The planes (n, d) ``(k, 4)`` that reflect points to points, n in the upper hemisphere, and their weights."""
     across = second - first
     distance = np.linalg.norm(across, axis=1)
-    far = distance > _CLOSEST
+    far = distance > least_distance
     across, distance = across[far], distance[far]
     normals = across / distance[:, None]
     normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0)

@@ -17,6 +17,9 @@ RESOLUTION = 64
 FALLOFF = float(np.sqrt(8.0))
 """Voxels, as `training.baselines.kazhdan` has it."""
 
+CLOSEST = 0.1
+"""As in `prst`, but through a solid there are pairs at all distances."""
+
 _MARGIN = 1.2
 
 
@@ -27,4 +30,4 @@ def find_planes(vertices: FloatArray, faces: IntArray, rng: np.random.Generator)
     drawn = np.searchsorted(cumulative, rng.random(POINTS) * cumulative[-1], side="right")
     points = volume.centres()[np.minimum(drawn, cumulative.size - 1)]
     points += (rng.random(points.shape) - 0.5) * volume.voxel
-    return maxima_of_votes(points, vertices, faces, rng)
+    return maxima_of_votes(points, vertices, faces, rng, CLOSEST)

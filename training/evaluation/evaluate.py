@@ -19,11 +19,11 @@ from model.paper.validation import MAX_ERROR
 from training.evaluation.corruptions import DAMAGES
 from training.evaluation.judging import judge
 from training.evaluation.recorded import RecordedPlanes, read_recorded
-from training.evaluation.registry import DEFAULT_METHODS, build_all, expand
-from training.evaluation.resuming import append, resumed
+from training.evaluation.registry import DEFAULT_METHODS, build_all, expand, method_record
+from training.evaluation.resuming import Kept
 from training.layouts import SourceFile, find_meshes, parse
 from training.oracle.known_truth import truth_of, written_entry
-from training.oracle.truth import Truth, load
+from training.oracle.truth import Truth, load, named
 from training.parallel import spread
 
 
@@ -57,6 +57,7 @@ class _Job:
     index: int
     truth: Truth | None
     recorded: Mapping[str, RecordedPlanes]
+    methods: tuple[str, ...]
     options: Options
 
 
@@ -68,6 +69,7 @@ def evaluate(
     ground_truth: Path | None = None,
     workers: int = 1,
     resume: Path | None = None,
+    renew: Sequence[str] = (),
     progress: bool = True,
     only: Callable[[str], bool] | None = None,
 ) -> list[dict[str, Any]]:
@@ -80,8 +82,9 @@ def evaluate(
         limit: judge so many shapes, drawn at random.
         ground_truth: file of `training groundtruth`; shapes it does not know are searched on the spot, seconds each.
         workers: processes.
-        resume: a file that takes every record as soon as it is made; what it holds from an interrupted call with the
-            same options is not judged again.
+        resume: a file that takes every record as soon as it is made; what it holds of an earlier call with the same
+            options, whatever its methods were, is not judged again.
+        renew: of these methods it is, where the answers are of another revision of the code.
         progress: show a bar.
         only: says of a name whether the shape may be judged; None: every shape may.
 
@@ -92,26 +95,26 @@ def evaluate(
     Raises:
         ValueError: nothing to judge, or an option is out of range.
     """
-    expand(options.methods)
+    asked = {name: method_record(name) for name in expand(options.methods)}
     if options.damage not in DAMAGES:
         raise ValueError(f"damage is one of {', '.join(DAMAGES)}, not {options.damage!r}")
-    known: Mapping[str, Truth] = load(ground_truth) if ground_truth is not None else {}
     recorded = read_recorded(Path(options.recorded)) if options.recorded else {}
     if recorded and options.damage not in ("clean", "rotated"):
         raise ValueError("recorded planes are those of whole shapes: damage is clean or rotated")
     sources = [pair for pair in enumerate(find_meshes(folders)) if only is None or only(pair[1].name)]
+    known = {} if ground_truth is None else named(load(ground_truth), [source.name for _, source in sources])
     sources = _drawn(sources, options, known, recorded, limit)
-    records = resumed(resume, asdict(options))
+    kept = Kept(resume, asdict(options), asked, renew)
     jobs = [
-        _Job(source, index, known.get(source.name), recorded.get(source.name, {}), options)
+        _Job(source, index, known.get(source.name), recorded.get(source.name, {}), missing, options)
         for index, source in sources
-        if source.name not in records
+        if (missing := kept.missing(source.name))
     ]
+    jobs.sort(key=lambda job: job.methods)  # methods are built once for all jobs in a row that ask for the same ones
     for record in tqdm(spread(_judge_file, jobs, workers, chunk=2), total=len(jobs), unit="mesh", disable=not progress):
-        records[record["name"]] = record
-        append(resume, record)
-    names = {source.name for _, source in sources}
-    return [records[name] for name in sorted(records) if name in names]
+        kept.add(record)
+    programs = dict.fromkeys(f"recorded {program}" for of in recorded.values() for program in of)
+    return kept.listed({source.name for _, source in sources}, tuple(programs))
 
 
 def _drawn(
@@ -154,6 +157,6 @@ def _judge_file(job: _Job) -> dict[str, Any]:
     truth, group = truth_of(job.source.path, mesh, frame, job.truth)
     if options.symmetric and not len(truth.clear_planes()):
         return head | {"skipped": "it has no clear plane"}
-    methods = build_all(options.methods, options.max_error)
+    methods = build_all(job.methods, options.max_error)
     seed = options.seed, job.index
     return head | {"group": group} | judge(mesh, truth, options.damage, seed, methods, job.recorded)

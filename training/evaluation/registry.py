@@ -7,8 +7,10 @@
 - ``+refined`` and ``+validated`` behind a name: its planes with our refinement, or after the paper's validation.
 """
 
+import hashlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from pathlib import Path
 
 from model.detector import use_one_thread
 from model.meshes.mesh import Mesh
@@ -17,6 +19,7 @@ from training.evaluation.classical import Classical, Exhaustive, Refined, Reused
 from training.evaluation.detectors import SOURCES, ablation, full_mode, paper_mode, raw_network
 from training.evaluation.method import Method
 from training.shapes.solids import box
+from training.trainer.revision import git_revision
 
 DEFAULT_METHODS = ("full", "paper", "raw", "pca", "pca+refined", "bounding_box")
 
@@ -42,6 +45,15 @@ def expand(names: Sequence[str]) -> tuple[str, ...]:
     for name in spelled:
         _parse(name)
     return tuple(dict.fromkeys(spelled))
+
+
+def method_record(name: str) -> dict[str, str]:
+    """What a record says of a method's answers: the ``revision`` of the code, and a hash of ``weights`` from a file."""
+    weights = Path(_parse(name)[1])
+    record = {"revision": git_revision()}
+    if weights.suffix == ".safetensors":
+        record["weights"] = hashlib.sha256(weights.read_bytes()).hexdigest()
+    return record
 
 
 def build(name: str, max_error: float) -> Method:

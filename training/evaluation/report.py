@@ -20,7 +20,8 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
   *false*: share of the mirror image that is 2 % off the intact surface; *by all*, *false*: mirrored in every plane
   returned; *completable*: in the best clear plane. Over the shapes with a clear plane, where something is missing.
 - *planes a shape*, *mean SDE returned*, *over t*: of all planes returned; the last on fresh samples of the mesh shown,
-  axes included.
+  axes included. *closest two*: the smallest angle between two planes returned for a shape, of
+  those that got two.
 - *ms*: CPU milliseconds, half and 95 % of the shapes stay below; on files of 3,000 to 6,000 faces besides.
 
 *All symmetries.*
@@ -42,9 +43,12 @@ threshold (and a GTE of 2, that of a plane at a right angle), so that returning 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
+
+from training.evaluation.matching import angle_between
 
 MIDDLE_FACES = (3000, 6000)
 """Files of about 4,500 faces, the size the design's targets speak of."""
@@ -80,6 +84,7 @@ BEST_PLANE: tuple[Column, ...] = (
     ("surface_all_wrong", "false", "{:.1%}"),
     ("surface_possible", "completable", "{:.1%}"),
     ("planes", "planes a shape", "{:.2f}"),
+    ("apart", "closest two, median °", "{:.2g}"),
     ("returned_mean", "mean SDE returned", "{:.2e}"),
     ("over_threshold", "over t", "{:.2%}"),
     ("ms_p50", "ms p50", "{:.1f}"),
@@ -187,6 +192,7 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
             and "completion" in answer
         ),
         "planes": _mean(len(answer["planes"]) for answer in every),
+        "apart": _percentile([_apart(answer["planes"]) for answer in every if len(answer["planes"]) > 1], 50),
         "returned_mean": _mean(error for answer in every for error in answer["plane_sde"]),
         "over_threshold": _mean(error > max_error for answer in every for error in answer["fresh_sde"]),
         "ms_p50": _percentile(times, 50),
@@ -195,9 +201,16 @@ def _best_plane(pairs: Pairs, max_error: float) -> dict[str, Any]:
     }
 
 
+def _apart(planes: Sequence[Sequence[float]]) -> float:
+    """The smallest angle, degrees, between the normals of two of the planes."""
+    normals = np.array(planes)[:, :3]
+    return min(angle_between(first, second) for first, second in combinations(normals, 2))
+
+
 def _completion(pairs: Pairs) -> dict[str, Any]:
     """How much of the intact surface there is before and after mirroring; nothing where nothing is missing."""
-    clear = [pair for pair in pairs if pair[0]["clear_planes"] and "surface_after" in pair[1]]
+    # Records of reports that are older than these columns do not have them.
+    clear = [pair for pair in pairs if pair[0]["clear_planes"] and "surface_all" in pair[1]]
     if all(record["surface_before"] == 1.0 for record, _ in clear):
         return {}
     return {

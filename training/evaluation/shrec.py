@@ -32,9 +32,9 @@ from model.paper.validation import MAX_ERROR
 from model.types import FloatArray
 from training.evaluation.matching import Found, angle_between
 from training.evaluation.method import Answer
-from training.evaluation.registry import build_all, expand
+from training.evaluation.registry import build_all, expand, method_record
 from training.evaluation.report import Column, average_precision, table
-from training.evaluation.resuming import append, resumed
+from training.evaluation.resuming import Kept
 from training.layouts import parse
 from training.parallel import spread
 from training.shapes.clouds import PERTURBATIONS, KnownCloud, draw_cloud
@@ -81,11 +81,18 @@ class Options:
 @dataclass(frozen=True, slots=True)
 class _Job:
     index: int
+    methods: tuple[str, ...]
     options: Options
 
 
 def evaluate_clouds(
-    options: Options, *, limit: int = CLOUDS, workers: int = 1, resume: Path | None = None, progress: bool = True
+    options: Options,
+    *,
+    limit: int = CLOUDS,
+    workers: int = 1,
+    resume: Path | None = None,
+    renew: Sequence[str] = (),
+    progress: bool = True,
 ) -> list[dict[str, Any]]:
     """Judge the methods on the first ``limit`` clouds.
 
@@ -93,8 +100,9 @@ def evaluate_clouds(
         options: what to do.
         limit: clouds.
         workers: processes.
-        resume: a file that takes every record as soon as it is made; what it holds from an interrupted call with the
-            same options is not judged again.
+        resume: a file that takes every record as soon as it is made; what it holds of an earlier call with the same
+            options, whatever its methods were, is not judged again.
+        renew: of these methods it is, where the answers are of another revision of the code.
         progress: show a bar.
 
     Returns:
@@ -104,15 +112,16 @@ def evaluate_clouds(
     Raises:
         ValueError: an option is out of range.
     """
-    expand(options.methods)
+    asked = {name: method_record(name) for name in expand(options.methods)}
     if options.perturbation not in PERTURBATIONS:
         raise ValueError(f"perturbation is one of {', '.join(PERTURBATIONS)}, not {options.perturbation!r}")
-    records = resumed(resume, asdict(options))
-    jobs = [_Job(index, options) for index in range(limit) if _name(index) not in records]
+    kept = Kept(resume, asdict(options), asked, renew)
+    names = {_name(index): index for index in range(limit)}
+    jobs = [_Job(index, missing, options) for name, index in names.items() if (missing := kept.missing(name))]
+    jobs.sort(key=lambda job: job.methods)
     for record in tqdm(spread(_judge, jobs, workers, chunk=2), total=len(jobs), unit="cloud", disable=not progress):
-        records[record["name"]] = record
-        append(resume, record)
-    return [records[_name(index)] for index in range(limit)]
+        kept.add(record)
+    return kept.listed(names)
 
 
 def _name(index: int) -> str:
@@ -129,7 +138,7 @@ def _judge(job: _Job) -> dict[str, Any]:
     except PRSNetError:
         mesh = None
     records: dict[str, Any] = {}
-    for name, method in build_all(options.methods, options.max_error).items():
+    for name, method in build_all(job.methods, options.max_error).items():
         started = time.process_time()
         answer = Answer(Found(np.zeros((0, 4)))) if mesh is None else method(mesh, (options.seed, job.index))
         spent = 1e3 * (time.process_time() - started) + answer.reused_ms

@@ -13,11 +13,24 @@ from model.types import FloatArray
 from training.oracle.groundtruth import find_symmetries
 from training.oracle.truth import Truth, TruthAxis
 
+_SAME = 1e-6
+"""So far apart, of a scale, two unit frames may be that are one: files hold twelve digits."""
+
 
 def truth_of(path: Path, mesh: Mesh, frame: UnitFrame, known: Truth | None) -> tuple[Truth, str | None]:
-    """What `training shapes` wrote down, else what is ``known``, else what a search finds; and the group if written."""
+    """What `training shapes` wrote down, else what is ``known``, else what a search finds; and the group if written.
+
+    What is known of a mesh in another unit frame is of another mesh, and is not taken.
+    """
     written = written_truth(path, frame)
+    if known is not None and not _same_frame(known, frame):
+        known = None
     return written or (known or find_symmetries(mesh.vertices, mesh.faces), None)
+
+
+def _same_frame(truth: Truth, frame: UnitFrame) -> bool:
+    apart = float(np.linalg.norm(truth.center - frame.center))
+    return max(apart, abs(truth.scale - frame.scale)) <= _SAME * frame.scale
 
 
 def written_truth(path: Path, frame: UnitFrame) -> tuple[Truth, str] | None:

@@ -1,7 +1,7 @@
 """The known symmetries of a shape, and the file format of `training groundtruth`."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -101,6 +101,21 @@ def load(path: Path) -> dict[str, Truth]:
     """The shapes of a ground-truth file by name (`SourceFile.name` of `training.layouts.find_meshes`)."""
     document = json.loads(path.read_text(encoding="utf-8"))
     return {name: Truth.from_entry(entry) for name, entry in document["shapes"].items()}
+
+
+def named(known: Mapping[str, Truth], names: Sequence[str]) -> dict[str, Truth]:
+    """What is ``known`` of the shapes of these names.
+
+    A name begins with the folder that was given: where the file was made of a folder above that one, its names are
+    longer. Such a one is taken where it alone ends as the name does.
+    """
+    longer: dict[str, list[str]] = {}
+    for key in known:
+        parts = key.split("/")
+        for first in range(1, len(parts) - 1):
+            longer.setdefault("/".join(parts[first:]), []).append(key)
+    found = {name: [name] if name in known else longer.get(name, []) for name in names}
+    return {name: known[keys[0]] for name, keys in found.items() if len(keys) == 1}
 
 
 def save(path: Path, shapes: Mapping[str, Truth], settings: Mapping[str, Any], manifest_sha256: str) -> None:

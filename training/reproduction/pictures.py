@@ -19,6 +19,9 @@ _POINTS = 1500
 _WORST = 0.1
 """Distance, unit frame, at which the colours of a gallery end."""
 
+_WIDE = 20.0
+"""Bars whose lengths differ by such a factor are drawn on a logarithmic scale."""
+
 
 def draw_chart(figures: Mapping[str, Mapping[str, Mapping[str, Any]]], column: Column, out: Path) -> None:
     """Bars of one figure: ``figures`` by damage, by method; ``column`` of `training.evaluation.report`."""
@@ -34,7 +37,8 @@ def draw_chart(figures: Mapping[str, Mapping[str, Mapping[str, Any]]], column: C
         places = np.arange(len(methods)) + row * height
         bars = axes.barh(places, values, height * 0.9, label=damage)
         axes.bar_label(bars, [form.format(value) if np.isfinite(value) else "" for value in values], padding=3, size=7)
-        if all(value > 0 for value in values if np.isfinite(value)) and not form.endswith("%}"):
+        shown = [value for value in values if np.isfinite(value)]
+        if min(shown, default=0.0) > 0 and max(shown) > _WIDE * min(shown) and not form.endswith("%}"):
             axes.set_xscale("log")
     axes.set_yticks(np.arange(len(methods)) + 0.4 - height / 2, labels, fontsize=8)
     axes.invert_yaxis()

@@ -11,6 +11,7 @@ from typing import Any
 from training.evaluation import shrec
 from training.evaluation.evaluate import Options, evaluate
 from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE, Column, summarise, table
+from training.evaluation.resuming import revisions
 from training.reproduction.experiment import Experiment
 from training.reproduction.networks import judged_on, train_networks
 from training.reproduction.pictures import draw_chart, draw_gallery
@@ -32,6 +33,9 @@ def reproduce(
     folders: Sequence[Path],
     out: Path,
     *,
+    judged: Sequence[Path] = (),
+    prepared: Path | None = None,
+    settings: Sequence[str] = (),
     ground_truth: Path | None = None,
     recorded: Path | None = None,
     limit: int | None = None,
@@ -39,6 +43,7 @@ def reproduce(
     steps: int | None = None,
     methods: Sequence[str] = (),
     damages: Sequence[str] = (),
+    renew: Sequence[str] = (),
     seed: int = 0,
     workers: int = 1,
     progress: bool = True,
@@ -50,6 +55,9 @@ def reproduce(
         name: of a file in `experiments`, or a TOML file.
         folders: of meshes; without any, procedural shapes are made in ``out``.
         out: folder of the results: ``results.md``, ``results.csv``, pictures; records and runs to resume from.
+        judged: folders of meshes that networks are judged on, where all of ``folders`` go to training.
+        prepared: folder of the prepared set instead of one in ``out``: several experiments may share it.
+        settings: of the training recipe, for every variant, as `training fit --set` takes them.
         ground_truth: file of `training groundtruth`.
         recorded: planes of other programs, judged beside (`training.evaluation.recorded`).
         limit: judge so many shapes instead of the experiment's number.
@@ -57,6 +65,7 @@ def reproduce(
         steps: of every training instead of the experiment's.
         methods: instead of the experiment's.
         damages: instead of the experiment's.
+        renew: judge these methods anew where what is in ``out`` is of another revision of the code.
         seed: of poses, damage and the draw.
         workers: processes.
         progress: show bars.
@@ -76,11 +85,13 @@ def reproduce(
     experiment = replace(experiment, limit=limit or experiment.limit)
     out.mkdir(parents=True, exist_ok=True)
     if experiment.protocol == "shrec":
-        return _reproduce_clouds(experiment, out, seed, workers, progress, tell)
+        return _reproduce_clouds(experiment, out, renew, seed, workers, progress, tell)
     if not folders:
         folders = [out / "shapes"]
         if not (folders[0] / "ground_truth.json").is_file():
             write_shapes(folders[0], PROCEDURAL, seed)
+    if not experiment.variants and (judged or prepared or settings or steps or train_limit):
+        raise ValueError(f"{name} trains nothing: --judge, --prepared, --set, --steps and --train-limit are of no use")
     names = dict.fromkeys(experiment.methods)
     only: Callable[[str], bool] | None = None
     titles: dict[str, str] = {}
@@ -89,6 +100,9 @@ def reproduce(
             experiment,
             folders,
             out,
+            train_share=1.0 if judged else experiment.train_share,
+            prepared=prepared,
+            settings=settings,
             steps=steps,
             limit=train_limit,
             workers=workers,
@@ -101,7 +115,10 @@ def reproduce(
                 names[full_name] = None
                 titles[full_name] = f"{variant.name}: {method.partition(':')[0]}"
         draw_curves([out / "runs" / variant for variant in trained], out / "curves.png")
-        only = partial(judged_on, train_share=experiment.train_share)
+        if judged:
+            folders = judged
+        else:
+            only = partial(judged_on, train_share=experiment.train_share)
 
     sections: list[str] = []
     rows: list[dict[str, Any]] = []
@@ -119,13 +136,14 @@ def reproduce(
             ground_truth=ground_truth,
             workers=workers,
             resume=out / f"records-{damage}.jsonl",
+            renew=renew,
             progress=progress,
             only=only,
         )
         report = summarise(records, experiment.max_error)
         figures = {key: of | {"title": titles.get(key, of["title"])} for key, of in report["methods"].items()}
         charts[damage] = figures
-        sections.append(_section(experiment, damage, report, figures))
+        sections.append(f"{_section(experiment, damage, report, figures)}\n\n{_judged_at(records)}")
         rows += [{"damage": damage, "method": key, **_plain(of)} for key, of in figures.items()]
         if experiment.gallery:
             done = [record for record in records if "skipped" not in record]
@@ -134,7 +152,13 @@ def reproduce(
 
 
 def _reproduce_clouds(
-    experiment: Experiment, out: Path, seed: int, workers: int, progress: bool, tell: Callable[[str], None]
+    experiment: Experiment,
+    out: Path,
+    renew: Sequence[str],
+    seed: int,
+    workers: int,
+    progress: bool,
+    tell: Callable[[str], None],
 ) -> str:
     sections: list[str] = []
     rows: list[dict[str, Any]] = []
@@ -144,10 +168,12 @@ def _reproduce_clouds(
         options = shrec.Options(damage, experiment.methods, experiment.max_error, seed)
         part = out / f"records-{damage}.jsonl"
         records = shrec.evaluate_clouds(
-            options, limit=experiment.limit, workers=workers, resume=part, progress=progress
+            options, limit=experiment.limit, workers=workers, resume=part, renew=renew, progress=progress
         )
         charts[damage] = figures = shrec.summarise_clouds(records)
-        sections.append(f"{shrec.heading(records, damage)}\n\n{table(figures, _columns(experiment))}")
+        sections.append(
+            f"{shrec.heading(records, damage)}\n\n{table(figures, _columns(experiment))}\n\n{_judged_at(records)}"
+        )
         rows += [{"damage": damage, "method": key, **_plain(of)} for key, of in figures.items()]
     return _written(experiment, out, charts, rows, sections, "point clouds of extruded plane curves")
 
@@ -179,6 +205,16 @@ def _section(
     return (
         f"{damage}: {report['shapes']} shapes, {report['clear']} of them with a clear plane, "
         f"{report['clear_planes']} clear planes; t = {experiment.max_error:g}\n\n{table(figures, _columns(experiment))}"
+    )
+
+
+def _judged_at(records: Sequence[Mapping[str, Any]]) -> str:
+    """At which revision of the code, and of what not all methods have in common also which of them."""
+    by = {f"{revision[:7]}{revision[40:]}": titles for revision, titles in revisions(records).items()}
+    if len(by) == 1:
+        return f"Judged at revision {next(iter(by))}."
+    return (
+        "Judged at revision " + "; ".join(f"{revision}: {', '.join(titles)}" for revision, titles in by.items()) + "."
     )
 
 

@@ -16,7 +16,7 @@ from training.baselines._directions import fibonacci_hemisphere, fit_maximum, lo
 from training.baselines._volume import Volume, gaussian_volume
 from training.baselines.kazhdan import FALLOFF, RESOLUTION, _tables, harmonics, reflective_correlation
 from training.baselines.martinet import Moments
-from training.shapes.solids import random_rotation
+from training.shapes.solids import box, random_rotation
 
 ACCURACY = {
     "pca": 1e-20,
@@ -86,6 +86,15 @@ def test_the_one_plane_of_a_chair_and_the_three_of_a_box(name: str):
     best = found[int(np.argmin(errors(vertices, faces, found)))]
     assert angle(best, truth[0]) < 3.0
     assert min(errors(vertices, faces, found)) < ACCURACY[name]
+
+
+def test_votes_find_the_plane_half_way_through_a_plate():
+    """Only pairs as near to one another as the plate is thick vote for it."""
+    vertices, faces = box((1.0, 0.7, 0.1))
+    rotation = random_rotation(np.random.default_rng(1))
+    frame = UnitFrame.of(vertices @ rotation.T, faces)
+    found = load("prst").find_planes(frame.to_unit(vertices @ rotation.T), faces, np.random.default_rng(1))
+    assert min(angle(rotation[:, 2], plane) + abs(plane[3]) for plane in found) < 0.1
 
 
 @pytest.mark.parametrize("name", FULL)

@@ -113,6 +113,7 @@ def test_an_oracle_gets_full_marks_and_its_inventions_are_seen(folder: Path):
     assert full["angle_p95"] < 1e-6
     assert full["over_threshold"] == full["exact_per_c1"] == 0.0
     assert full["clear_best_mean"] < 1e-12
+    assert 0.0 < paper["apart"] < full["apart"] <= 90.0  # the invention is at right angles to nothing
     assert paper["plane_recall"] == paper["axis_recall"] == 1.0
     assert full["mean_precision"] == paper["mean_precision"] == 1.0  # the invention comes last
     assert paper["order_recall"] < 1.0

@@ -10,16 +10,19 @@ from typer.testing import CliRunner
 
 from model.geometry.frames import UnitFrame
 from model.geometry.sampling import sample_surface
+from model.meshes.mesh import Mesh
 from model.types import FloatArray
 from tests.shapes import known, pose
 from training.__main__ import app
 from training.oracle import groundtruth as command
+from training.oracle import known_truth
 from training.oracle.alignment import Axes, Planes, Surface
 from training.oracle.exhaustive import Settings
 from training.oracle.groundtruth import find_symmetries, groundtruth
+from training.oracle.known_truth import truth_of
 from training.oracle.rotation_order import turn_of
 from training.oracle.starts import extents, hemisphere
-from training.oracle.truth import CLEAR_ERROR, Truth, TruthAxis, load, save
+from training.oracle.truth import CLEAR_ERROR, Truth, TruthAxis, load, named, save
 from training.shapes.catalogue import KnownShape, posed
 from training.shapes.solids import loft, ring
 
@@ -172,6 +175,28 @@ def test_the_file_returns_what_was_saved(tmp_path: Path):
     np.testing.assert_array_equal(again.clear_planes(), truth.planes[:1])
     assert again.axes[0].order is None
     assert len(again.clear_axes()) == 1
+
+
+def test_shapes_are_known_from_the_file_of_a_folder_above():
+    shape = Truth(np.zeros(3), 1.0, np.zeros((0, 4)), np.zeros(0), np.zeros(0, dtype=np.bool_))
+    known = {
+        name: replace(shape, scale=float(row)) for row, name in enumerate(("all/a/x.ply", "all/b/x.ply", "b/y.ply"))
+    }
+    found = named(known, ["a/x.ply", "x.ply", "b/y.ply", "all/b/x.ply", "c/x.ply", "y.ply"])
+    # x.ply is two, c/x.ply and y.ply are files of other folders.
+    assert {name: truth.scale for name, truth in found.items()} == {"a/x.ply": 0.0, "b/y.ply": 2.0, "all/b/x.ply": 1.0}
+
+
+def test_what_is_known_of_another_mesh_is_not_taken(monkeypatch: pytest.MonkeyPatch):
+    solid = known("box")
+    mesh = Mesh.checked(solid.vertices, solid.faces)
+    frame = UnitFrame.of(mesh.vertices, mesh.faces)
+    nothing = Truth(frame.center, frame.scale, np.zeros((0, 4)), np.zeros(0), np.zeros(0, dtype=np.bool_))
+    searched = replace(nothing)
+    monkeypatch.setattr(known_truth, "find_symmetries", lambda *mesh: searched)
+    assert truth_of(Path("box.ply"), mesh, frame, nothing)[0] is nothing
+    assert truth_of(Path("box.ply"), mesh, frame, replace(nothing, scale=1.1 * frame.scale))[0] is searched
+    assert truth_of(Path("box.ply"), mesh, frame, replace(nothing, center=frame.center + 0.1))[0] is searched
 
 
 def test_a_run_is_resumed_and_skips_what_cannot_be_read(

@@ -1,7 +1,9 @@
 """Experiments: shipped ones fit the code, results come out whole, an interrupted one goes on, networks are trained."""
 
 import csv
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -9,15 +11,18 @@ from typer.testing import CliRunner
 import training.evaluation.evaluate as evaluation
 from training.__main__ import app
 from training.data.prepared import PreparedSet
-from training.evaluation import shrec
+from training.evaluation import registry, shrec
 from training.evaluation.corruptions import DAMAGES
 from training.evaluation.registry import expand
 from training.recipe import Recipe
+from training.reproduction import networks
 from training.reproduction.experiment import Experiment, known_experiments
-from training.reproduction.networks import judged_on
+from training.reproduction.networks import judged_on, recipe_of
 from training.reproduction.run import COLUMNS, reproduce
 from training.shapes.catalogue import write_shapes
 from training.shapes.clouds import PERTURBATIONS
+from training.trainer.fit import fit
+from training.trainer.monitor import CollapseError
 
 HEAD = """
 title = "A table"
@@ -93,6 +98,7 @@ def test_results_come_out_and_a_second_call_judges_nothing_anew(
     ]
     by = {(row["damage"], row["method"]): float(row["clear_best_mean"]) for row in rows}
     assert by["rotated", "pca+refined"] < 1e-12
+    assert float(rows[0]["apart"]) == pytest.approx(90.0)  # of eigenvectors
     assert by["rotated", "pca+refined"] < by["partial", "pca"]
     for picture in ("chart.png", "gallery-rotated.png", "gallery-partial.png"):
         assert (out / picture).read_bytes().startswith(b"\x89PNG")
@@ -105,7 +111,7 @@ def test_networks_are_trained_on_shapes_that_none_is_judged_on(folder: Path, tmp
     recipe.write_text(TRAIN)
     text = reproduce(str(recipe), [folder], out, progress=False)
     assert "| tiny: raw | 3 |" in text
-    prepared = PreparedSet(out / "prepared-8")
+    prepared = PreparedSet(out / "prepared")
     trained = {shape.name for shape in prepared.shapes}
     assert 0 < len(trained) < 24
     assert not any(judged_on(name, 0.6) for name in trained)
@@ -113,6 +119,89 @@ def test_networks_are_trained_on_shapes_that_none_is_judged_on(folder: Path, tmp
     weights = (out / "tiny.safetensors").read_bytes()
     assert reproduce(str(recipe), [folder], out, progress=False) == text
     assert (out / "tiny.safetensors").read_bytes() == weights
+
+
+def test_networks_are_judged_on_the_folder_that_is_named_and_experiments_share_a_set(folder: Path, tmp_path: Path):
+    recipe, judged, shared = tmp_path / "train.toml", tmp_path / "judged", tmp_path / "set"
+    recipe.write_text(TRAIN)
+    write_shapes(judged, 3, seed=4, only=("box",))
+    for out in (tmp_path / "a", tmp_path / "b"):
+        text = reproduce(str(recipe), [folder], out, judged=[judged], prepared=shared, progress=False)
+        assert "| tiny: raw | 3 |" in text
+        assert "Shapes: judged" in text
+    assert len(PreparedSet(shared).shapes) == 24  # all of the folder
+    assert not (tmp_path / "b" / "prepared").exists()
+
+
+def test_other_weights_of_the_same_name_are_judged_anew(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    recipe, out = tmp_path / "train.toml", tmp_path / "out"
+    recipe.write_text(TRAIN)
+    reproduce(str(recipe), [folder], out, progress=False)
+    shutil.rmtree(out / "runs")
+    asked: list[tuple[str, ...]] = []
+    original = evaluation._judge_file
+
+    def counted(job: evaluation._Job) -> dict[str, object]:
+        asked.append(job.methods)
+        return original(job)
+
+    monkeypatch.setattr(evaluation, "_judge_file", counted)
+    reproduce(str(recipe), [folder], out, settings=["seed=5"], progress=False)
+    assert asked == [(f"raw:{out / 'tiny.safetensors'}",)] * 3  # and PCA is what it was
+
+
+def test_a_network_that_collapses_is_judged_at_its_best(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def collapsing(*arguments: Any, **options: Any) -> Path:
+        fit(*arguments, **options)
+        raise CollapseError("it says the same of every shape")
+
+    monkeypatch.setattr(networks, "fit", collapsing)
+    recipe, said = tmp_path / "train.toml", list[str]()
+    recipe.write_text(TRAIN)
+    text = reproduce(str(recipe), [folder], tmp_path / "out", progress=False, tell=said.append)
+    assert "| tiny: raw | 3 |" in text
+    assert any("ended early" in line and "the same of every shape" in line for line in said)
+
+
+def test_a_shorter_run_is_pre_trained_for_the_same_share_of_it():
+    experiment = Experiment.load("pretraining")
+    variant = experiment.variants[0]
+    whole, short = recipe_of(experiment, variant), recipe_of(experiment, variant, steps=1200)
+    assert whole.supervision.until_step * short.optimizer.steps == short.supervision.until_step * whole.optimizer.steps
+    assert recipe_of(experiment, variant, 1200, ["supervision.until_step=7"]).supervision.until_step == 7
+
+
+def test_options_of_training_are_refused_where_nothing_is_trained(folder: Path, tmp_path: Path):
+    recipe = tmp_path / "compare.toml"
+    recipe.write_text(COMPARE)
+    with pytest.raises(ValueError, match="trains nothing"):
+        reproduce(str(recipe), [folder], tmp_path / "out", steps=3, progress=False)
+
+
+def test_other_methods_are_added_to_what_is_there(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    recipe, out = tmp_path / "compare.toml", tmp_path / "out"
+    recipe.write_text(COMPARE)
+    whole = reproduce(str(recipe), [folder], out, progress=False)
+    added = reproduce(str(recipe), [folder], out, methods=["pca", "bounding_box"], progress=False)
+    assert "| oriented bounding box | 4 |" in added
+    assert "refinement" not in added
+    monkeypatch.setattr(evaluation, "_judge_file", None)  # would fail if it were called
+    assert reproduce(str(recipe), [folder], out, progress=False) == whole
+
+
+def test_a_table_says_of_which_revision_it_is_and_methods_are_renewed(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    recipe, out = tmp_path / "compare.toml", tmp_path / "out"
+    recipe.write_text(COMPARE.replace('["rotated", "partial"]', '["rotated"]').replace("gallery = 2", ""))
+    monkeypatch.setattr(registry, "git_revision", lambda: "a" * 40)
+    assert "Judged at revision aaaaaaa." in reproduce(str(recipe), [folder], out, progress=False)
+    monkeypatch.setattr(registry, "git_revision", lambda: "b" * 40 + "-dirty")
+    assert "Judged at revision aaaaaaa." in reproduce(str(recipe), [folder], out, progress=False)
+    text = reproduce(str(recipe), [folder], out, renew=["pca"], progress=False)
+    assert "Judged at revision bbbbbbb-dirty: PCA; aaaaaaa: PCA + refinement." in text
+    with pytest.raises(ValueError, match="no method full is asked for"):
+        reproduce(str(recipe), [folder], out, renew=["full"], progress=False)
 
 
 def test_without_meshes_procedural_ones_are_made(tmp_path: Path):
