@@ -11,7 +11,7 @@ import numpy as np
 from model.errors import MeshTooLargeError, UnreadableMeshError
 from model.formats._3mf_colors import split
 from model.formats._3mf_package import Key, Object, Package, Reference
-from model.formats._common import Limits, RawMesh, Reader, alone
+from model.formats._common import Limits, RawMesh, Reader, alone, is_mirror
 from model.meshes.clipping import remove_unreferenced_vertices
 from model.types import ByteArray, FloatArray, IntArray
 
@@ -88,9 +88,11 @@ class _Builder:
             end = vertex + len(local)
             np.matmul(local, placed.matrix[:3], out=points[vertex:end])
             points[vertex:end] += placed.matrix[3]
-            triangles[face : face + len(corners)] = corners + vertex
+            # A transform that mirrors turns the triangles inside out, which the format says to undo.
+            mirrored = is_mirror(placed.matrix[:3])
+            triangles[face : face + len(corners)] = (corners[:, ::-1] if mirrored else corners) + vertex
             if colors is not None:
-                paints[face : face + len(corners)] = colors
+                paints[face : face + len(corners)] = colors[:, ::-1] if mirrored else colors
             vertex = end
             face += len(corners)
             for component in reversed(self._components(placed.target)):
