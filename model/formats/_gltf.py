@@ -85,6 +85,11 @@ def _read(text: bytes, binary: bytes | None, limits: Limits, resources: Resource
     if not isinstance(parsed, dict):
         raise UnreadableMeshError("The glTF file is not a JSON object.")
     document: Any = cast(Any, parsed)
+    if "asset" not in document:
+        raise UnreadableMeshError(
+            "The file breaks the rules of glTF: its JSON has no asset. It is perhaps a message of the server that it "
+            "came from; open it in a text editor."
+        )
     try:
         if str(document["asset"]["version"])[:2] != "2.":
             raise UnsupportedFormatError(_VERSION)

@@ -258,6 +258,9 @@ def test_buffers_in_other_files_are_found_by_name():
     assert read.area == pytest.approx(mesh.area, rel=1e-5)
     with pytest.raises(UnreadableMeshError, match="both in one upload"):
         read_mesh(data, "a.gltf")
+    pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
+    with pytest.raises(UnreadableMeshError, match="git lfs pull"):
+        read_mesh(data, "a.gltf", resources=files_at_hand(dict.fromkeys(files, pointer)))
 
 
 def test_a_path_brings_the_files_of_its_folder_and_no_others(tmp_path):
