@@ -95,7 +95,7 @@ def test_other_programs_see_the_same_pictures(tmp_path: Path) -> None:
 
 def test_half_and_completion_and_aligned_copy_keep_the_pictures() -> None:
     box = laid_box()
-    half, _ = editing.half_of(box, np.array([0.0, 1, 0, 0]))
+    half, *_ = editing.half_of(box, np.array([0.0, 1, 0, 0]))
     require_laid(half)
     assert half.area == pytest.approx(box.area / 2)
     # The other half is laid with the mirrored picture.
