@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.completion.half_space import capped_half_space
+from model.completion.lids import view_from_below
 from model.completion.outlines import overlapping_outlines
 from model.errors import DegenerateMeshError
 from model.geometry.topology import connected_parts
@@ -83,9 +84,7 @@ def _outline(vertices: FloatArray, faces: IntArray, cut: FloatArray, rounding: f
     lying = faces[(np.abs(vertices @ cut[:3] + cut[3]) <= 4.0 * rounding)[faces].all(axis=1)].astype(np.int64)
     edges = np.sort(np.concatenate([lying[:, [0, 1]], lying[:, [1, 2]], lying[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
-    across = np.cross(cut[:3], np.eye(3)[int(np.argmin(np.abs(cut[:3])))])
-    across /= float(np.linalg.norm(across))
-    flat: FloatArray = vertices @ np.stack([across, np.cross(cut[:3], across)], axis=1)
+    flat = vertices @ view_from_below(cut[:3])
     return flat[unique[counts == 1]].reshape(-1, 2, 2)
 
 
