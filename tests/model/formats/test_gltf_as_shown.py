@@ -144,6 +144,15 @@ def test_instances_are_placed():
         instanced(max_faces=1)
 
 
+def test_instances_that_only_have_numbers_stand_where_their_node_stands():
+    document = Document()
+    attributes = {"_ID": document.add(np.arange(3, dtype="<f4"), F32, "SCALAR")}
+    nodes = [
+        {"mesh": 0, "translation": [0, 0, 7], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}}}
+    ]
+    assert corners(document.read(TRIANGLE, nodes=nodes)).tolist() == [[0, 0, 7], [1, 0, 7], [0, 1, 7]] * 3
+
+
 def test_quantised_positions_are_read_as_they_are_stored():
     positions = np.array([[0, 0, 0, 0], [100, 0, 0, 0], [0, 100, 0, 0]], "<u2")
     accessor = {"bufferView": 0, "componentType": U16, "count": 3, "type": "VEC3"}
