@@ -20,7 +20,10 @@ from model.meshes.colors import with_looks_of
 from model.meshes.mesh import Mesh
 from model.types import FloatArray, IntArray
 
-_LEFT_OPEN = "The cut is left open: its outline is not closed or crosses itself, so that nobody knows what is inside."
+_LEFT_OPEN = (
+    "The cut is left open: the outline of a body in it is not closed or crosses itself, so that nobody knows what is "
+    "inside."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +103,7 @@ def halve_mesh(
         warnings = (*warnings, *prediction_warning(detection.planes))
     else:
         plane = np.array(options.plane)
-    result, capped = half_of(mesh, plane, positive=options.positive, capped=options.capped)
+    result, capped, overlapping = half_of(mesh, plane, positive=options.positive, capped=options.capped)
     answer = edit_schemas.HalvedMesh(
         half=edit_schemas.Half(
             normal=numbers(plane[:3]),
@@ -110,7 +113,7 @@ def halve_mesh(
             capped=capped,
             points=_datum_points(mesh, plane),
             faces=len(result.faces),
-            warnings=[*warnings, *_left_open(options.capped and not capped)],
+            warnings=[*warnings, *_about_lids(options.capped, capped, overlapping)],
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
@@ -118,14 +121,14 @@ def halve_mesh(
     return answer, result
 
 
-def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True, capped: bool = False) -> tuple[Mesh, bool]:
-    """One side of a plane ``(4,)`` with its colours and pictures, and whether the cut is closed.
+def half_of(mesh: Mesh, plane: FloatArray, *, positive: bool = True, capped: bool = False) -> tuple[Mesh, bool, int]:
+    """One side of a plane ``(4,)`` with its looks, whether the cut is closed, and how many bodies overlap in it.
 
     Raises:
         model.errors.DegenerateMeshError: nothing of the mesh is on that side.
     """
     half = halve(mesh, plane, positive=positive, capped=capped)
-    return _dressed(mesh, half.vertices, half.faces), half.capped
+    return _dressed(mesh, half.vertices, half.faces), half.capped, half.overlapping
 
 
 def sector_mesh(
@@ -168,7 +171,7 @@ def sector_mesh(
             max_distance=deviation if options.line is None else None,
             capped=sector.capped,
             faces=len(result.faces),
-            warnings=[*mesh.warnings, *_left_open(options.capped and not sector.capped)],
+            warnings=[*mesh.warnings, *_about_lids(options.capped, sector.capped, sector.overlapping)],
         ),
         mesh=mesh_info(result, filename),
         timings_ms=timings(steps, started, parsed),
@@ -176,8 +179,15 @@ def sector_mesh(
     return answer, result
 
 
-def _left_open(left_open: bool) -> list[str]:
-    return [_LEFT_OPEN] if left_open else []
+def _about_lids(wanted: bool, capped: bool, overlapping: int) -> list[str]:
+    if wanted and not capped:
+        return [_LEFT_OPEN]
+    if not overlapping:
+        return []
+    return [
+        f"{overlapping} bodies overlap where the mesh is cut. Each was closed alone, so that they overlap in the "
+        "result too; unite them before it is meshed for a simulation."
+    ]
 
 
 def _datum_points(mesh: Mesh, plane: FloatArray) -> list[list[float]]:

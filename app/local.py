@@ -17,16 +17,15 @@ import numpy as np
 from app import detection
 from app.completion import CompleteOptions, complete_mesh
 from app.detection import to_response
-from app.edit_schemas import Completion, Sector
-from app.editing import AlignOptions, SectorOptions, align_mesh, sector_mesh
-from app.outputs.fem import sector_with_lines
+from app.edit_schemas import Completion, Half, Sector
+from app.editing import AlignOptions, HalveOptions, SectorOptions, align_mesh, halve_mesh, sector_mesh
+from app.outputs.fem import half_with_lines, sector_with_lines
 from app.outputs.mesh_file import MeshWriter
 from app.outputs.registry import MESH_WRITERS
 from app.planes import PlaneLike, plane_numbers
-from app.queries import AlignQuery, CompleteQuery, DetectQuery, SectorQuery
+from app.queries import AlignQuery, CompleteQuery, DetectQuery, HalveQuery, SectorQuery
 from app.refusals import require
 from app.schemas import DetectResponse, Include, LevelName, Mode
-from model.completion import halving
 from model.formats.conversion import MeshLike, as_mesh
 from model.meshes.mesh import Mesh
 from model.meshes.texture import Texture
@@ -69,6 +68,13 @@ class CompletedGeometry(Geometry):
     """A completed mesh, and what was done."""
 
     completion: Completion
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HalfGeometry(Geometry):
+    """One half of a mesh, and where it was cut, with the lines for CalculiX and FreeCAD."""
+
+    half: Half
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -170,17 +176,35 @@ def align(mesh: MeshLike, *, max_error: float = 4e-4, weights: str = "default") 
 
 
 def halve(
-    mesh: MeshLike, plane: PlaneLike, *, positive: bool = True, capped: bool = False
-) -> tuple[FloatArray, IntArray]:
-    """One half of a mesh, cut exactly at a plane: vertices ``(v, 3)`` and faces ``(f, 3)``.
+    mesh: MeshLike,
+    plane: PlaneLike | None = None,
+    *,
+    positive: bool = True,
+    capped: bool = False,
+    max_error: float = 4e-4,
+    weights: str = "default",
+) -> HalfGeometry:
+    """One half of a mesh, cut exactly at a plane, as ``POST /halve`` cuts it.
 
-    It is open there, or with ``capped`` closed, where the outline of the cut is closed.
+    Args:
+        mesh: as for `detect`.
+        plane: the plane to cut at; without one, the best that is detected.
+        positive: whether the side stays that the normal points to, or else the other.
+        capped: whether the cut is closed, where its outline is.
+        max_error: largest symmetry error of a plane that is detected.
+        weights: as for `detect`.
 
     Raises:
-        model.MeshError: the mesh cannot be used, or nothing of it is on that side.
+        model.errors.NoPlaneError: no plane was given, and none detected.
+        model.MeshError, model.CheckpointError, OSError, ValueError: as for `detect`.
     """
-    half = halving.halve(as_mesh(mesh), plane_numbers(plane), positive=positive, capped=capped)
-    return half.vertices, half.faces
+    require(HalveQuery, max_error=max_error)
+    started = time.perf_counter()
+    given = None if plane is None else plane_numbers(plane).tolist()
+    triangles, detector = as_mesh(mesh, looks=True), detector_of(weights)
+    options = HalveOptions(given, positive, max_error, capped)
+    done, result = halve_mesh(detector, triangles, _name(mesh), options, started, time.perf_counter())
+    return HalfGeometry(half=half_with_lines(done.half), **_arrays(result))
 
 
 def sector(

@@ -97,7 +97,7 @@ def serve(
 def detect(
     files: Annotated[
         list[str],
-        typer.Argument(metavar="FILE...", help="Mesh files, folders of them, patterns, - for standard input."),
+        typer.Argument(metavar="FILE", help="Mesh files, folders of them, patterns, - for standard input."),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="JSON as POST /detect answers; a list if several.")] = False,
     as_lines: Annotated[bool, typer.Option("--jsonl", help="JSON, one line a file, as soon as it is there.")] = False,

@@ -79,32 +79,20 @@ def halve(
     """Keep one half of a symmetric mesh, cut exactly at the plane, open there or capped."""
     from app import local
     from app.client.client import Client
-    from app.editing import HalveOptions, halve_mesh
-    from app.outputs.fem import half_with_lines
-    from model.formats.conversion import as_mesh
 
     require_max_error(max_error)
-    plane = plane_of(normal, offset)
+    options: dict[str, Any] = {
+        "plane": plane_of(normal, offset), "positive": not other, "capped": capped, "max_error": max_error
+    }  # fmt: skip
     with _output(file, output, overwrite) as source:
         if url is None:
-            started = time.perf_counter()
-            detector, mesh = load(weights), as_mesh(source, looks=True)
-            options = HalveOptions(plane, not other, max_error, capped)
-            answer, half = halve_mesh(detector, mesh, file.name, options, started, time.perf_counter())
-            done = half_with_lines(answer.half)
-            output.write_bytes(local.writer_for(output).file(half.vertices, half.faces, half.colors, half.texture))
+            load(weights)
+            made = local.halve(source, weights=weights, **options)
         else:
             with Client(url, api_key=api_key) as client:
-                received = client.halve(
-                    source,
-                    format=local.mesh_format(output),
-                    plane=plane,
-                    positive=not other,
-                    capped=capped,
-                    max_error=max_error,
-                )
-            done = received.half
-            received.save(output)
+                made = client.halve(source, format=local.mesh_format(output), **options)
+        made.save(output)
+    done = made.half
     _warn(file, done.warnings)
     typer.echo(
         f"{output}: {done.faces} faces, the {done.side} side of the plane "

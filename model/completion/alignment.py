@@ -25,7 +25,9 @@ def alignment(detection: Detection) -> FloatArray:
     """
     planes, axes = detection.planes, detection.axes
     if not planes and not axes:
-        raise NoPlaneError("The mesh has no plane and no axis within the threshold to be laid by.")
+        errors = [candidate.symmetry_error for candidate in detection.rejected]
+        nearest = f"; the best has an error of {min(errors):.2g}. Give a larger max_error" if errors else ""
+        raise NoPlaneError(f"The mesh has no plane and no axis within the threshold to be laid by{nearest}.")
     if not axes:
         normal = _facing(planes[0].normal, _X)
         turn = _smallest(normal, _X)

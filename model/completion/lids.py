@@ -77,10 +77,14 @@ def _outline_edges(faces: IntArray, on_plane: AnyArray) -> AnyArray:
 
 def _seen_from_below(points: FloatArray, normal: FloatArray) -> FloatArray:
     """Points within a plane as (n, 2), so that what is counter-clockwise looks against the normal."""
+    return np.ascontiguousarray((points - points.mean(axis=0)) @ view_from_below(normal))
+
+
+def view_from_below(normal: FloatArray) -> FloatArray:
+    """Directions ``(3, 2)`` within a plane, to the right and up for who looks along its normal."""
     across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     across /= np.linalg.norm(across)
-    flat = (points - points.mean(axis=0)) @ np.stack([np.cross(normal, across), across], axis=1)
-    return np.ascontiguousarray(flat)
+    return np.ascontiguousarray(np.stack([np.cross(normal, across), across], axis=1), dtype=np.float64)
 
 
 def _rings(flat: FloatArray, edges: AnyArray) -> list[AnyArray]:

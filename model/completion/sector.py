@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.completion.halving import ON_LID, ON_PLANE, capped_half_space, half_space, merged
+from model.completion.closing import closed_part
+from model.completion.half_space import ON_LID, ON_PLANE, half_space, merged
 from model.errors import NoAxisError
 from model.geometry.integrals import unit_frame
 from model.geometry.topology import duplicate_vertex_map
@@ -39,6 +40,7 @@ class Sector:
         ends: ``(2, 3)`` points on the axis, at the lower and upper end of the whole mesh.
         order: how many of it make up the whole.
         capped: whether both cuts are closed.
+        overlapping: how many bodies overlap in a cut and were closed each alone.
     """
 
     vertices: FloatArray
@@ -47,6 +49,7 @@ class Sector:
     ends: FloatArray
     order: int
     capped: bool
+    overlapping: int = 0
 
 
 def cut_sector(
@@ -90,16 +93,18 @@ def cut_sector(
     ends = point + np.outer([heights.min(), heights.max()], direction)
     cuts = planes if order > 2 else planes[:1]  # of two sectors both cuts are in one plane
     rounding = float(np.clip(deviation, ON_LID * scale, _MOST_MOVED * scale))
-    result = _closed(_on_axis(vertices, direction, point, rounding), faces, cuts, rounding) if capped else None
-    closed = result is not None
-    if result is None:
+    closed = closed_part(_on_axis(vertices, direction, point, rounding), faces, cuts, rounding) if capped else None
+    if closed is not None:
+        result = closed.vertices, closed.faces
+    else:
         rounding = ON_PLANE * scale
         result = vertices, faces
         for plane in cuts:
             result = half_space(*result, plane, rounding)
     if order == 2:
         result = _divided(*result, np.append(away, -away @ point), rounding)
-    return Sector(*result, planes, ends, order, closed)
+    overlapping = 0 if closed is None else closed.overlapping
+    return Sector(*result, planes, ends, order, closed is not None, overlapping)
 
 
 def _on_axis(vertices: FloatArray, direction: FloatArray, point: FloatArray, rounding: float) -> FloatArray:
@@ -107,16 +112,6 @@ def _on_axis(vertices: FloatArray, direction: FloatArray, point: FloatArray, rou
     foot = point + ((vertices - point) @ direction)[:, None] * direction
     near = np.linalg.norm(vertices - foot, axis=1) <= 2.0 * rounding
     return np.where(near[:, None], foot, vertices)
-
-
-def _closed(
-    vertices: FloatArray, faces: IntArray, cuts: FloatArray, rounding: float
-) -> tuple[FloatArray, IntArray] | None:
-    """What is on the positive side of all planes, one cut and closed after the other; None where one cannot be."""
-    result: tuple[FloatArray, IntArray] | None = vertices, faces
-    for plane in cuts:
-        result = None if result is None else capped_half_space(*result, plane, rounding)
-    return result
 
 
 def _divided(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: float) -> tuple[FloatArray, IntArray]:

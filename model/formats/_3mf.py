@@ -9,11 +9,12 @@ from xml.parsers import expat
 import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError
-from model.formats._3mf_colors import split
+from model.formats._3mf_looks import Painted, plain, split
 from model.formats._3mf_package import Key, Object, Package, Reference
-from model.formats._common import Limits, RawMesh, Reader, alone
+from model.formats._common import Limits, RawMesh, Reader, alone, is_mirror
 from model.meshes.clipping import remove_unreferenced_vertices
-from model.types import ByteArray, FloatArray, IntArray
+from model.meshes.texture import lost_pictures, texture
+from model.types import FloatArray, IntArray
 
 _SUPPORTS = ("support", "solidsupport")
 _NO_SHAPE = "other"
@@ -45,6 +46,8 @@ def read_3mf(data: bytes, limits: Limits) -> RawMesh:
             for part in package.missing_parts():
                 package.read_part(part)
             package.read_slicer_settings()
+            if limits.looks:
+                package.read_pictures()
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise UnreadableMeshError("The 3MF file is no readable zip archive.") from error
     except (expat.ExpatError, KeyError, ValueError, OverflowError) as error:
@@ -61,7 +64,7 @@ class _Builder:
         self._roles = package.roles
         self._limits = limits
         self._counts: dict[Key, tuple[int, int, int]] = {}
-        self._cache: dict[Key, tuple[FloatArray, IntArray, ByteArray | None]] = {}
+        self._cache: dict[Key, tuple[FloatArray, IntArray, Painted | None]] = {}
         self._left_out = 0
         self._negative = 0
 
@@ -76,7 +79,7 @@ class _Builder:
                 raise MeshTooLargeError("The 3MF file places too many objects.")
         points = np.empty((vertices, 3))
         triangles = np.empty((faces, 3), dtype=np.int32)
-        paints = np.full((faces if self._limits.looks else 0, 3, 4), 255, dtype=np.uint8)
+        painted = plain(faces if self._limits.looks else 0)
         vertex, face = 0, 0
         waiting = list(reversed(self._package.build))
         while waiting:
@@ -84,13 +87,15 @@ class _Builder:
             item = self._objects[placed.target]
             if not self._is_shape(item):
                 continue
-            local, corners, colors = self._arrays(placed.target)
+            local, corners, looks = self._arrays(placed.target)
             end = vertex + len(local)
             np.matmul(local, placed.matrix[:3], out=points[vertex:end])
             points[vertex:end] += placed.matrix[3]
-            triangles[face : face + len(corners)] = corners + vertex
-            if colors is not None:
-                paints[face : face + len(corners)] = colors
+            # A transform that mirrors turns the triangles inside out, which the format says to undo.
+            mirrored = is_mirror(placed.matrix[:3])
+            triangles[face : face + len(corners)] = (corners[:, ::-1] if mirrored else corners) + vertex
+            if looks is not None:
+                painted.put(face, looks.turned() if mirrored else looks)
             vertex = end
             face += len(corners)
             for component in reversed(self._components(placed.target)):
@@ -98,15 +103,25 @@ class _Builder:
                 matrix[3] += placed.matrix[3]
                 waiting.append(Reference(component.target, matrix))
         raw = RawMesh(points[:vertex], triangles[:face], self._package.units, self._warnings())
-        if not self._limits.looks or not (paints[:face] != 255).any():
-            several = sum(
-                len(entries) for palette in self._package.palettes.values() for entries in palette.groups.values()
-            )
-            painted = self._package.painted and several > 1
-            painted = painted or self._package.brushed or self._package.has_pictures
-            return replace(raw, painted=painted and not self._limits.looks)
-        which, own, tints = split(raw.faces, paints[:face])
-        return replace(raw, vertices=raw.vertices[which], faces=own, colors=tints)
+        if not self._limits.looks:
+            return replace(raw, painted=self._is_painted())
+        return self._with_looks(raw, painted.part(np.arange(len(painted.pictures)) < face))
+
+    def _is_painted(self) -> bool:
+        """Whether there are several colours, or pictures, that are not read."""
+        palettes = self._package.palettes.values()
+        several = self._package.painted and sum(palette.entries for palette in palettes) > 1
+        return several or self._package.brushed or any(palette.textures for palette in palettes)
+
+    def _with_looks(self, raw: RawMesh, painted: Painted) -> RawMesh:
+        drawn, tinted = bool((painted.pictures >= 0).any()), bool((painted.colors != 255).any())
+        if not drawn and not tinted:
+            return raw
+        which, faces, colors, places = split(raw.faces, painted)
+        laid = texture(places, painted.pictures, self._package.pictures)
+        return replace(
+            raw, vertices=raw.vertices[which], faces=faces, colors=colors if tinted else None, texture=laid
+        )  # fmt: skip
 
     def _warnings(self) -> tuple[str, ...]:
         found: list[str] = []
@@ -116,8 +131,7 @@ class _Builder:
             found.append(f"Left out and not subtracted: {_volumes(self._negative)} that a slicer would cut away.")
         if self._limits.looks and self._package.brushed:
             found.append("Left out: the colours that were painted on the surface in a slicer.")
-        if self._limits.looks and self._package.has_pictures:
-            found.append("Left out: the pictures on the surface of the 3MF file.")
+        found += lost_pictures(self._package.lost_pictures)
         if self._package.has_other_shapes:
             found.append("Left out: shapes that are no triangles, such as beam lattices.")
         return tuple(found)
@@ -142,23 +156,23 @@ class _Builder:
                 kept.append(component)
         return kept
 
-    def _arrays(self, key: Key) -> tuple[FloatArray, IntArray, ByteArray | None]:
-        """Vertices, faces, and if they are wanted colours (f, 3, 4) of their corners."""
+    def _arrays(self, key: Key) -> tuple[FloatArray, IntArray, Painted | None]:
+        """Vertices, faces, and if they are wanted their looks."""
         if key not in self._cache:
             item = self._objects[key]
             vertices, faces = _arrays(item)
-            colors: ByteArray | None = None
+            looks: Painted | None = None
             if self._limits.looks:
                 paints = np.array(item.paints, dtype=np.int64).reshape(-1, 4)
-                colors = self._package.palettes[key[0]].corners(paints)
+                looks = self._package.palettes[key[0]].corners(paints)
             if key[0] == self._package.start:
                 kept, helpers, negative = self._roles.triangles(key[1], len(faces))
                 if not kept.all():
                     vertices, faces, _ = remove_unreferenced_vertices(vertices, faces[kept])
-                    colors = None if colors is None else colors[kept]
+                    looks = None if looks is None else looks.part(kept)
                 self._left_out += helpers
                 self._negative += negative
-            self._cache[key] = vertices, faces, colors
+            self._cache[key] = vertices, faces, looks
         return self._cache[key]
 
     def _count(self, key: Key, path: tuple[Key, ...]) -> tuple[int, int, int]:

@@ -11,9 +11,10 @@ from xml.parsers import expat
 import numpy as np
 
 from model.errors import MeshTooLargeError, UnreadableMeshError, UnsupportedFormatError
-from model.formats._3mf_colors import Palette, number
+from model.formats._3mf_looks import Palette, number
 from model.formats._3mf_slicers import BRUSHED, CURA, Roles, SlicerReader
 from model.formats._common import Limits
+from model.meshes.texture import MOST_PICTURES, Picture, picture
 from model.types import FloatArray
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/"
@@ -77,7 +78,8 @@ class Package:
         self.palettes: dict[str, Palette] = {}
         self.painted = False
         self.brushed = False
-        self.has_pictures = False
+        self.pictures: list[Picture] = []
+        self.lost_pictures = 0
         self.has_other_shapes = False
         self.start = self._find_start()
 
@@ -93,6 +95,19 @@ class Package:
             if part.startswith("metadata/") and part.endswith(".config") and "model" in part:
                 reader = SlicerReader(self.roles, self.count_node)
                 self._parse(part, reader.begin, _nothing)
+
+    def read_pictures(self) -> None:
+        """The pictures that the parts refer to, each once, as far as they are there."""
+        known: dict[str, int] = {}
+        for part, palette in self.palettes.items():
+            for each, path in palette.textures.items():
+                name = _part_name(path, part)
+                if name not in known:
+                    found = picture(self._content(name)) if len(self.pictures) < MOST_PICTURES else None
+                    known[name] = -1 if found is None else len(self.pictures)
+                    self.lost_pictures += found is None
+                    self.pictures += [] if found is None else [found]
+                palette.numbers[each] = known[name]
 
     def count_node(self) -> None:
         """One more object, component or build item."""
@@ -130,10 +145,7 @@ class Package:
         info = self._sizes.get(part.lower())
         if info is None:
             raise UnreadableMeshError("The 3MF file lacks a part that it refers to.")
-        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise UnreadableMeshError("The 3MF file is compressed in a way that 3MF does not allow.")
-        if info.file_size > self._budget:
-            raise self._too_large()
+        self._require_plain(info)
         parser = expat.ParserCreate(namespace_separator=" ")
         depth, fed = 0, 0
         spaces: dict[str | None, str] = {}
@@ -169,6 +181,25 @@ class Package:
                     raise UnreadableMeshError("The 3MF file has an element that is too long.")
             parser.Parse(b"", True)
 
+    def _content(self, part: str) -> bytes | None:
+        """A part that is no XML, within what is left to unpack; None where it is not there."""
+        info = self._sizes.get(part.lower())
+        if info is None:
+            return None
+        self._require_plain(info)
+        with self._archive.open(info) as stream:
+            content = stream.read(self._budget + 1)
+        self._budget -= len(content)
+        if self._budget < 0:
+            raise self._too_large()
+        return content
+
+    def _require_plain(self, info: zipfile.ZipInfo) -> None:
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise UnreadableMeshError("The 3MF file is compressed in a way that 3MF does not allow.")
+        if info.file_size > self._budget:
+            raise self._too_large()
+
 
 def _nothing(_: str) -> None:
     return
@@ -197,22 +228,19 @@ class _PartReader:
         self._limits = limits
         self._object: Object | None = None
         self._setting = ""
-        self._palette = package.palettes.setdefault(part, Palette())
+        self._palette = package.palettes.setdefault(part, Palette(limits.looks, self._check_looks))
 
     def begin(self, name: str, attributes: dict[str, str]) -> None:
         """An element starts."""
         namespace, _, local = name.rpartition(" ")
         item = self._object
-        if local == "texture2d":
-            self._package.has_pictures = True
         if local in _OTHER_SHAPES:
             self._package.has_other_shapes = True
         if item is not None and (local == "metadata" or (local == "setting" and namespace.startswith(CURA))):
             names = [value for key, value in attributes.items() if key.rpartition(" ")[2] in ("name", "key")]
             self._setting = names[0].rpartition(":")[2] if names else ""
             return
-        if self._palette.begin(local, attributes):
-            self._package.count_node()
+        self._palette.begin(local, attributes)
         if namespace and not namespace.startswith(_CORE):
             return
         if local == "vertex" and item is not None:
@@ -233,6 +261,10 @@ class _PartReader:
         elif local == "model" and self._part == self._package.start:
             units = attributes.get("unit", "millimeter")
             self._package.units = units if units in _UNITS else "millimeter"
+
+    def _check_looks(self, count: int) -> None:
+        """Colours and places in pictures may be as many as vertices."""
+        self._limits.check(vertices=count)
 
     def _paint(self, item: Object, attributes: dict[str, str]) -> None:
         """Note which colours a triangle has, or that it has some."""

@@ -51,7 +51,13 @@ def read_accessor(document: Any, index: int, width: int, view: View) -> AnyArray
         ).reshape(-1)
         values = values.copy()
         values[places] = _strided(view(what["bufferView"]), int(what.get("byteOffset", 0)), changed, width, dtype)
-    if accessor.get("normalized", False) and dtype.kind in "iu":
+    return normalized(values, accessor)
+
+
+def normalized(values: AnyArray, accessor: Any) -> AnyArray:
+    """Integers of an accessor as fractions of the largest one where it says so (float64), else as they are."""
+    dtype = np.dtype(_COMPONENTS[accessor["componentType"]])
+    if accessor.get("normalized", False) and dtype.kind in "iu" and values.dtype.kind in "iu":
         return np.maximum(values / float(np.iinfo(dtype).max), -1.0)
     return values
 

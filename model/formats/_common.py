@@ -127,3 +127,10 @@ def to_float64(columns: list[AnyArray]) -> FloatArray:
     for axis, column in enumerate(columns):
         result[:, axis] = column
     return result
+
+
+def is_mirror(matrix: FloatArray) -> bool:
+    """Whether a (3, 3) matrix turns right hands into left ones; False where it is not finite."""
+    a, b, c = matrix
+    with np.errstate(all="ignore"):
+        return bool(a @ np.cross(b, c) < 0.0)

@@ -1,5 +1,6 @@
 """Files that are no mesh in a format that is read here: what they are, and what to do with them."""
 
+import re
 import zipfile
 from io import BytesIO
 from pathlib import PurePath
@@ -30,6 +31,8 @@ _NEXT_STEPS: dict[str, str] = {
 }  # fmt: skip
 
 _HTML = (b"<!doctype html", b"<html", b"<head", b"<body")
+_MESSAGE = "perhaps a message of the server that it came from. Open it in a text editor, and get the mesh anew."
+_IGES = re.compile(rb"[^\r\n]{72}S[ 0]*1\r?\n")
 _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"version https://git-lfs.github.com/spec", "a pointer of Git LFS, not the mesh itself. "
      'Run "git lfs pull" in the repository, and send the file then.'),
@@ -40,6 +43,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"#usda", f"a USD file. {_EXPORT}"),
     (b"PXR-USDC", f"a USD file. {_EXPORT}"),
     (b"#VRML", f"a VRML file. {_EXPORT}"),
+    (b"\xd0\xcf\x11\xe0", f"a document of a CAD or drawing program. {_TESSELLATE}"),
     (b"\x1f\x8b", f"packed with gzip. {_UNPACK}"),
     (b"BZh", f"packed with bzip2. {_UNPACK}"),
     (b"\xfd7zXZ", f"packed with xz. {_UNPACK}"),
@@ -65,16 +69,29 @@ def foreign_content(data: bytes) -> str:
     for signature, words in _SIGNATURES:
         if head.startswith(signature):
             return words
+    if _IGES.match(head):
+        return f"an IGES file. {_TESSELLATE}"
     text = head.lstrip(b"\xef\xbb\xbf \t\r\n").lower()
-    if text.startswith(_HTML):
+    if text.startswith(_HTML) or (text.startswith((b"<!--", b"<?xml", b"<!doctype")) and b"<html" in text):
         return "a web page. Open its address in a browser, download the mesh from there, and send that file."
-    if text.startswith((b"<?xml", b"<collada", b"<x3d", b"<amf")):
-        if b"<collada" in text:
-            return f"a Collada (DAE) file. {_EXPORT}"
-        return f"an XML file. {_EXPORT}"
+    if text.startswith((b"<?xml", b"<collada", b"<x3d", b"<amf", b"<!--", b"<error", b"<svg")):
+        return _markup(text)
+    if text.startswith((b"{", b"[")) and b'"asset"' not in data:
+        return f"JSON and no glTF, {_MESSAGE}"
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return _archive(data)
     return ""
+
+
+def _markup(text: bytes) -> str:
+    """What kind of XML a text in lower case begins with."""
+    if b"<collada" in text:
+        return f"a Collada (DAE) file. {_EXPORT}"
+    if b"<x3d" in text or b"<amf" in text:
+        return f"an X3D or AMF file. {_EXPORT}"
+    if b"<svg" in text:
+        return "a picture. Send the mesh itself."
+    return f"an XML file, {_MESSAGE}"
 
 
 def _archive(data: bytes) -> str:

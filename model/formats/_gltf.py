@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 
 from model.errors import UnreadableMeshError, UnsupportedFormatError
-from model.formats._common import Limits, RawMesh, Reader, Resources, no_resources
+from model.formats._common import Limits, RawMesh, Reader, Resources, is_mirror, no_resources
 from model.formats._gltf_bodies import Bodies
 from model.formats._gltf_buffers import Buffers
 from model.formats._gltf_scene import Scene
@@ -85,6 +85,11 @@ def _read(text: bytes, binary: bytes | None, limits: Limits, resources: Resource
     if not isinstance(parsed, dict):
         raise UnreadableMeshError("The glTF file is not a JSON object.")
     document: Any = cast(Any, parsed)
+    if "asset" not in document:
+        raise UnreadableMeshError(
+            "The file breaks the rules of glTF: its JSON has no asset. It is perhaps a message of the server that it "
+            "came from; open it in a text editor."
+        )
     try:
         if str(document["asset"]["version"])[:2] != "2.":
             raise UnsupportedFormatError(_VERSION)
@@ -135,7 +140,9 @@ def _flatten(scene: Scene, bodies: Bodies, limits: Limits) -> RawMesh:
                     _place(body.vertices, matrix, part)
                 else:
                     part[:] = body.posed(skin)
-            np.add(body.faces, vertex, out=all_faces[face : face + len(body.faces)], dtype=np.int32)
+            # A node that mirrors its mesh turns the triangles inside out, which viewers undo.
+            corners = body.faces[:, ::-1] if skin is None and is_mirror(matrix[:3, :3]) else body.faces
+            np.add(corners, vertex, out=all_faces[face : face + len(corners)], dtype=np.int32)
             if colors is not None and body.light is not None:
                 colors[vertex : vertex + count] = from_linear(body.light)
             if body.pictures is not None:

@@ -1,6 +1,5 @@
 """The meshes of a glTF file in their own coordinates: primitives, morph targets, skins, Draco."""
 
-import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,12 +8,11 @@ import numpy as np
 from model.errors import UnreadableMeshError
 from model.formats._common import Limits, as_indices, no_faces, strip
 from model.formats._gltf_buffers import Buffers
+from model.formats._gltf_draco import Attributes
 from model.formats._gltf_looks import Looks
 from model.types import AnyArray, FloatArray, IntArray
 
-_draco: Any = importlib.import_module("DracoPy")  # it has no type information
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_DRACO = "KHR_draco_mesh_compression"
 _MOST_INFLUENCES = 8  # sets of four joints a vertex
 
 
@@ -87,39 +85,35 @@ class Bodies:
             if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
                 self._without_surface += 1
                 continue
-            draco = primitive.get("extensions", {}).get(_DRACO)
-            mode = mode if draco is None else _TRIANGLES  # Draco stores strips as triangles too
+            stored = Attributes(primitive, self._json, self._buffers)
+            mode = _TRIANGLES if stored.compressed else mode  # Draco stores strips as triangles too
             picture = self.looks.picture(primitive)
             key = (
                 attributes["POSITION"],
                 repr(primitive.get("targets")),
                 repr(attributes.get("JOINTS_0")),
-                repr(draco),
+                repr(primitive.get("extensions")) if stored.compressed else None,
                 primitive.get("material"),
                 attributes.get("COLOR_0"),
                 attributes.get(f"TEXCOORD_{self.looks.channel(primitive)}") if picture >= 0 else None,
             )
-            indices: IntArray | None = None
-            decoded: AnyArray | None = None
-            if key not in starts or draco is not None:
+            if key not in starts or stored.compressed:
                 self._limits.check(vertices=total + self._buffers.count(attributes["POSITION"]))
-                if draco is None:
-                    points = self._buffers.accessor(attributes["POSITION"], 3).astype(np.float64)
-                else:
-                    points, indices, decoded = self._decoded(draco)
+                stored.decode()
+                points = stored.values("POSITION", 3).astype(np.float64)
                 points = self._morphed(points, primitive.get("targets", ()), weights)
                 starts[key] = total, len(points)
                 vertices.append(points)
-                influences.append(self._influences(attributes, len(points)))
-                light.append(self.looks.light(primitive, len(points), draco is None))
+                influences.append(_influences(stored, len(points)))
+                light.append(self.looks.light(primitive, stored, len(points)))
                 if picture >= 0:
-                    places.append(self.looks.places(primitive, len(points), decoded))
+                    places.append(self.looks.places(primitive, stored, len(points)))
                 else:
                     places.append(np.broadcast_to(np.zeros((1, 2)), (len(points), 2)))
                 total += len(points)
             start, count = starts[key]
-            if indices is not None:
-                pass
+            if stored.indices is not None:
+                indices = stored.indices
             elif "indices" in primitive:
                 self._check_faces(primitive["indices"], mode, made)
                 indices = as_indices(self._buffers.accessor(primitive["indices"], 1).reshape(-1))
@@ -149,41 +143,29 @@ class Bodies:
                 points = points + weight * self._buffers.accessor(target["POSITION"], 3)
         return points
 
-    def _influences(self, attributes: Any, count: int) -> tuple[IntArray, FloatArray] | None:
-        """Joints (v, k) and weights (v, k) that add up to one."""
-        joints: list[AnyArray] = []
-        weights: list[AnyArray] = []
-        for number in range(_MOST_INFLUENCES):
-            if f"JOINTS_{number}" not in attributes:
-                break
-            joints.append(as_indices(self._buffers.accessor(attributes[f"JOINTS_{number}"], 4)))
-            weights.append(self._buffers.accessor(attributes[f"WEIGHTS_{number}"], 4).astype(np.float64))
-        if not joints:
-            return None
-        which, much = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
-        if len(which) != count or len(much) != count or (which.size and which.min() < 0):
-            raise UnreadableMeshError("The glTF file has joints that do not belong to its vertices.")
-        sums = much.sum(axis=1)
-        much[sums == 0.0, 0] = 1.0
-        return which, much / np.where(sums == 0.0, 1.0, sums)[:, None]
-
     def _check_faces(self, index: int, mode: int, made: int) -> None:
         """Primitives may share indices: a few bytes of JSON can ask for as many triangles as there are bytes."""
         count = self._buffers.count(index)
         self._limits.check(faces=made + (count // 3 if mode == _TRIANGLES else max(count - 2, 0)))
 
-    def _decoded(self, draco: Any) -> tuple[FloatArray, IntArray, AnyArray | None]:
-        """Positions, indices and places in the picture of a primitive that is compressed with Draco."""
-        data = self._buffers.bytes_of(draco["bufferView"])
-        try:
-            mesh = _draco.decode(data)
-            points = np.array(mesh.points, dtype=np.float64).reshape(-1, 3)
-            places = None if mesh.tex_coord is None else np.array(mesh.tex_coord, dtype=np.float64).reshape(-1, 2)
-            return points, as_indices(np.array(mesh.faces).reshape(-1)), places
-        except MemoryError:
-            raise
-        except Exception as error:
-            raise UnreadableMeshError("The glTF file has Draco data that cannot be decoded.") from error
+
+def _influences(attributes: Attributes, count: int) -> tuple[IntArray, FloatArray] | None:
+    """Joints (v, k) and weights (v, k) that add up to one."""
+    joints: list[AnyArray] = []
+    weights: list[AnyArray] = []
+    for number in range(_MOST_INFLUENCES):
+        if f"JOINTS_{number}" not in attributes:
+            break
+        joints.append(as_indices(attributes.values(f"JOINTS_{number}", 4)))
+        weights.append(attributes.values(f"WEIGHTS_{number}", 4).astype(np.float64))
+    if not joints:
+        return None
+    which, much = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+    if len(which) != count or len(much) != count or (which.size and which.min() < 0):
+        raise UnreadableMeshError("The glTF file has joints that do not belong to its vertices.")
+    sums = much.sum(axis=1)
+    much[sums == 0.0, 0] = 1.0
+    return which, much / np.where(sums == 0.0, 1.0, sums)[:, None]
 
 
 def _joined(parts: list[FloatArray], width: int) -> FloatArray:

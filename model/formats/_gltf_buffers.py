@@ -8,6 +8,7 @@ from urllib.parse import unquote_to_bytes
 from model.errors import UnreadableMeshError
 from model.formats._accessors import read_accessor
 from model.formats._common import Resources
+from model.formats._foreign import foreign_content
 from model.formats._meshopt import decode_view
 from model.types import AnyArray
 
@@ -91,6 +92,8 @@ class Buffers:
                 "The glTF file keeps its numbers in another file, which is not there. Keep the .bin file beside it, or "
                 "send both in one upload: curl -F file=@chair.gltf -F file=@chair.bin URL; or export it as GLB."
             )
+        if words := foreign_content(found[:1024]):
+            raise UnreadableMeshError(f"The file beside the glTF file, which should hold its numbers, is {words}")
         return found
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from model.errors import UnreadableMeshError
 from model.formats._gltf_buffers import Buffers
+from model.formats._gltf_draco import Attributes
 from model.meshes.texture import MOST_PICTURES, Picture, picture
 from model.types import AnyArray, FloatArray
 
@@ -42,18 +43,14 @@ class Looks:
         self.painted = False
         self.lost = 0
 
-    def light(self, primitive: Any, count: int, stored: bool) -> FloatArray:
-        """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white.
-
-        ``stored``: whether its attributes are in accessors, and not compressed.
-        """
+    def light(self, primitive: Any, attributes: Attributes, count: int) -> FloatArray:
+        """Linear colours (v, 4) of a primitive: those of its vertices times that of its material; else white."""
         light = np.ones((1, 4))
-        attributes = primitive["attributes"]
         try:
-            if stored and "COLOR_0" in attributes:
-                width = 3 if self._json["accessors"][attributes["COLOR_0"]]["type"] == "VEC3" else 4
-                values = self._buffers.accessor(attributes["COLOR_0"], width).astype(np.float64)
-                if len(values) == count:
+            if "COLOR_0" in attributes:
+                width = attributes.width("COLOR_0")
+                values = attributes.values("COLOR_0", width).astype(np.float64)
+                if len(values) == count and width in (3, 4):
                     light = np.ones((count, 4))
                     light[:, :width] = values
             factor = self._surface(primitive).get("baseColorFactor", [1.0] * 4)
@@ -82,15 +79,10 @@ class Looks:
         except _BROKEN:
             return 0
 
-    def places(self, primitive: Any, count: int, decoded: AnyArray | None = None) -> AnyArray:
-        """Where its vertices are in its picture (v, 2), moved as its material says; zeros where that is not told.
-
-        ``decoded``: the places if they were compressed with the positions.
-        """
+    def places(self, primitive: Any, attributes: Attributes, count: int) -> AnyArray:
+        """Where its vertices are in its picture (v, 2), moved as its material says; zeros where that is not told."""
         try:
-            values = decoded
-            if values is None:
-                values = self._buffers.accessor(primitive["attributes"][f"TEXCOORD_{self.channel(primitive)}"], 2)
+            values = attributes.values(f"TEXCOORD_{self.channel(primitive)}", 2)
             if values.shape != (count, 2):
                 return np.zeros((count, 2))
             used = self._surface(primitive)["baseColorTexture"]

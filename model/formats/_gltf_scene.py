@@ -99,9 +99,9 @@ class Scene:
     def _instance_matrices(self, attributes: dict[str, int]) -> FloatArray:
         """(k, 4, 4) from the accessors of `EXT_mesh_gpu_instancing`."""
         named = {name: attributes[name] for name in ("TRANSLATION", "ROTATION", "SCALE") if name in attributes}
-        counts = {self._buffers.count(index) for index in named.values()}
+        counts = {self._buffers.count(index) for index in attributes.values()}
         if len(counts) != 1:
-            raise UnreadableMeshError("The glTF file has instances without a place, or of different numbers.")
+            raise UnreadableMeshError("The glTF file has instances of which it does not say how many there are.")
         count = counts.pop()
         self._count_nodes(count)
         matrices = np.tile(np.eye(4), (count, 1, 1))

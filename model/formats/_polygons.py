@@ -14,6 +14,9 @@ from model.types import AnyArray, FloatArray, IntArray
 _MOST_CORNERS = 20_000
 """Corners of a polygon that needs ear clipping, the time of which may grow with their square."""
 
+_ROUNDING = 1e-12
+"""Share of a polygon's area that is none."""
+
 _MOST_CORNERS_OF_ANY = 100_000
 """Corners of any polygon: a fan of so many slivers is found too complex in the end, after seconds of work."""
 
@@ -185,7 +188,7 @@ def _clip_ears(points: FloatArray) -> tuple[IntArray, bool]:
     count = len(flat)
     ears = mapbox_earcut.triangulate_float64(flat, np.array([count], dtype=np.uint32)).reshape(-1, 3).astype(np.int64)
     areas = signed_areas(flat, ears)
-    turned = areas < 0.0
+    turned = areas < -_ROUNDING * float(np.abs(areas).sum())  # not those without area: they keep neighbours joined
     ears[turned] = ears[turned][:, ::-1]
     crosses = abs(float(np.abs(areas).sum()) - area) > 1e-6 * max(float(np.abs(areas).sum()), area)
     if len(ears) < count - 2:

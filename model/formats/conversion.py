@@ -3,14 +3,17 @@
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 from urllib.parse import unquote
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from model.formats._common import Resources
 from model.formats.reading import read_mesh
 from model.meshes.mesh import Mesh
+from model.meshes.texture import Texture
+from model.types import ByteArray
 
 
 @runtime_checkable
@@ -43,8 +46,9 @@ def as_mesh(value: MeshLike, *, looks: bool = False) -> Mesh:
     """A checked mesh from whatever a caller holds.
 
     Args:
-        value: a ``Mesh``; an object with ``vertices`` and ``faces`` (``trimesh.Trimesh``); a ``trimesh.Scene``,
-            taken in world coordinates; a pair (vertices, faces); or the path of a mesh file, which may refer to files
+        value: a ``Mesh``; an object with ``vertices`` and ``faces`` (``trimesh.Trimesh``), and perhaps ``colors``
+            and ``texture`` as `Mesh` has them (what `app.halve` and its kin give); a ``trimesh.Scene``, taken in world
+            coordinates; a pair (vertices, faces); or the path of a mesh file, which may refer to files
             in its folder and below.
         looks: of a file whether colours of materials and pictures are read too.
 
@@ -61,7 +65,14 @@ def as_mesh(value: MeshLike, *, looks: bool = False) -> Mesh:
     if isinstance(value, HasScene) and not isinstance(value, HasTriangles):
         return as_mesh(value.to_mesh())
     if isinstance(value, HasTriangles):
-        return Mesh.checked(value.vertices, value.faces)
+        colors: Any = getattr(value, "colors", None)
+        texture: Any = getattr(value, "texture", None)
+        return Mesh.checked(
+            value.vertices,
+            value.faces,
+            colors=cast(ByteArray, colors) if isinstance(colors, np.ndarray) else None,
+            texture=texture if isinstance(texture, Texture) else None,
+        )
     if isinstance(value, tuple | list) and len(value) == 2:
         return Mesh.checked(value[0], value[1])
     raise TypeError(f"cannot make a mesh out of a {type(value).__name__}")

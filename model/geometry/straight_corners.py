@@ -32,7 +32,8 @@ def with_straight_corners(flat: FloatArray, triangles: AnyArray, following: AnyA
         for turn in range(3):
             i, j, tip = (triangle[(turn + step) % 3] for step in range(3))
             middle = after[i]
-            if middle != j and (j, i) not in edges and _is_on_edge(flat, i, middle, j, area):
+            known = (j, i) in edges or (i, middle) in edges
+            if middle != j and not known and _is_on_edge(flat, i, middle, j, area):
                 edges |= {(i, middle), (middle, j), (middle, tip), (tip, middle)}
                 waiting += [(i, middle, tip), (middle, j, tip)]
                 break
@@ -90,4 +91,6 @@ def signed_areas(flat: FloatArray, triangles: AnyArray) -> FloatArray:
 def _is_on_edge(flat: FloatArray, i: int, middle: int, j: int, area: float) -> bool:
     along, to = flat[j] - flat[i], flat[middle] - flat[i]
     off = abs(float(along[0] * to[1] - along[1] * to[0]))
-    return off <= _FLAT * area and 0.0 <= float(along @ to) <= float(along @ along)
+    length = float(along @ along)
+    # Of a tongue without width both ends are at one place, and its tip is beyond every edge between them.
+    return off <= _FLAT * area and 0.0 <= float(along @ to) <= length and float(to @ to) <= length + _FLAT * area

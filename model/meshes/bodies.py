@@ -56,6 +56,11 @@ def inner_faces(vertices: FloatArray, faces: IntArray, merged: IntArray | None =
     return inside, int(found.sum())
 
 
+def surrounds(vertices: FloatArray, shell: IntArray, inner: IntArray) -> bool:
+    """Whether the faces ``shell`` ``(f, 3)`` go around those of another body ``(g, 3)`` from all sides."""
+    return _surrounds(vertices, kernel_array(shell, np.int32), _extremes(vertices, inner), _INSIDE)
+
+
 def _extremes(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Of a body's vertices the lowest along x, y and z, then the highest: (6, 3)."""
     used = vertices[faces.reshape(-1)]

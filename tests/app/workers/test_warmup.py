@@ -54,6 +54,7 @@ for path, content in contents.items():
         for symmetrize in (False, True):
             complete(mesh, plane, symmetrize=symmetrize)
         halve(mesh, plane)
+        halve(mesh, plane, capped=True)
 text = b"mtllib a.mtl\\nv 0 0 0\\nv 1 0 0\\nv 0 1 0\\nvt 0 1\\nusemtl b\\nf 1/1 2/1 3/1\\n"
 files = {"a.mtl": b"newmtl b\\nmap_Kd b.png\\n", "b.png": b"\\x89PNG\\r\\n\\x1a\\n"}
 assert read_mesh(text, "a.obj", resources=files.get, looks=True).texture is not None

@@ -186,10 +186,13 @@ def test_rings_that_touch_in_a_corner_are_two_regions() -> None:
     assert Mesh(half.vertices, half.faces).area == pytest.approx(2.0 * (1.0 + 1.0 + 2.0))
 
 
-def test_outlines_that_cross_have_no_lid() -> None:
-    one = trimesh.creation.box((2, 1, 1))
-    other = trimesh.creation.box((1, 2, 1))
-    assert not halve(bodies(one, other), np.append(DIRECTION, 0.1), capped=True).capped
+def test_an_outline_that_crosses_itself_has_no_lid() -> None:
+    """Other bodies that cross it are closed each alone: `test_overlapping.py`."""
+    bow_tie = np.array([[0.0, 0.0], [3.0, 2.0], [3.0, 0.0], [0.0, 1.0]])
+    rings = np.concatenate([np.column_stack([bow_tie, np.full(4, height)]) for height in (0.0, 2.0)])
+    walls = [face for i in range(4) for face in ([i, (i + 1) % 4, 4 + i], [(i + 1) % 4, 4 + (i + 1) % 4, 4 + i])]
+    mesh = Mesh.checked(rings @ TURN.T + SHIFT, [*walls, [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]])
+    assert not halve(mesh, np.append(DIRECTION, -DIRECTION @ SHIFT - 1.0), capped=True).capped
 
 
 def test_a_lid_has_the_corners_on_straight_edges() -> None:

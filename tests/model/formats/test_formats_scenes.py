@@ -132,3 +132,19 @@ def test_3mf_objects_in_another_part():
     )
     item = "<item objectid='1' p:path='/3D/part.model'/>"
     assert len(read_mesh(three_mf("", item, **{"3D/part.model": part}), "a.3mf").faces) == 4
+
+
+def volume(mesh):
+    corners = mesh.vertices[mesh.faces]
+    return np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
+
+
+def test_what_mirrors_a_body_does_not_turn_it_inside_out():
+    box = trimesh.creation.box((1, 2, 3))
+    box.apply_translation((2, 0, 0))
+    scene = trimesh.Scene(box)
+    scene.add_geometry(box, transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
+    for kind in ("glb", "3mf"):
+        mesh = read_mesh(scene.export(file_type=kind), f"a.{kind}")
+        assert mesh.bounds[:, 0].tolist() == [-2.5, 2.5]
+        assert volume(mesh) == pytest.approx(12.0)

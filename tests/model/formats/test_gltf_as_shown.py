@@ -144,6 +144,15 @@ def test_instances_are_placed():
         instanced(max_faces=1)
 
 
+def test_instances_that_only_have_numbers_stand_where_their_node_stands():
+    document = Document()
+    attributes = {"_ID": document.add(np.arange(3, dtype="<f4"), F32, "SCALAR")}
+    nodes = [
+        {"mesh": 0, "translation": [0, 0, 7], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}}}
+    ]
+    assert corners(document.read(TRIANGLE, nodes=nodes)).tolist() == [[0, 0, 7], [1, 0, 7], [0, 1, 7]] * 3
+
+
 def test_quantised_positions_are_read_as_they_are_stored():
     positions = np.array([[0, 0, 0, 0], [100, 0, 0, 0], [0, 100, 0, 0]], "<u2")
     accessor = {"bufferView": 0, "componentType": U16, "count": 3, "type": "VEC3"}
@@ -258,6 +267,9 @@ def test_buffers_in_other_files_are_found_by_name():
     assert read.area == pytest.approx(mesh.area, rel=1e-5)
     with pytest.raises(UnreadableMeshError, match="both in one upload"):
         read_mesh(data, "a.gltf")
+    pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
+    with pytest.raises(UnreadableMeshError, match="git lfs pull"):
+        read_mesh(data, "a.gltf", resources=files_at_hand(dict.fromkeys(files, pointer)))
 
 
 def test_a_path_brings_the_files_of_its_folder_and_no_others(tmp_path):

@@ -210,6 +210,12 @@ FOREIGN = [
     (b"#usda 1.0\n", "USD"),
     (gzip.compress(b"solid", mtime=0), "gzip"),
     (b"%PDF-1.7", "PDF"),
+    (b"<!-- cached -->\n<!DOCTYPE html><html></html>", "web page"),
+    (b'<?xml version="1.0"?><html xmlns="http://www.w3.org/1999/xhtml"></html>', "web page"),
+    (b'<?xml version="1.0"?><Error><Code>AccessDenied</Code></Error>', "message of the server"),
+    (b'{"message": "Not Found", "status": "404"}', "message of the server"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 90, "CAD"),
+    (b"exported by hand".ljust(72) + b"S      1\r\n", "IGES"),
     (b"\x89PNG\r\n\x1a\n" + b"\0" * 90, "picture"),
     (archive("x").replace(b"3D/3dmodel.model", b"parts/mine.usdc0"), "zip archive without"),
 ]
@@ -221,6 +227,11 @@ def test_other_files_under_a_known_name_are_called_what_they_are(data, words, na
     with pytest.raises(UnsupportedFormatError, match=words) as caught:
         read_mesh(data, name)
     assert "." in str(caught.value).split(words)[-1]  # and what to do about it
+
+
+def test_a_message_under_the_name_of_gltf_is_told():
+    with pytest.raises(UnreadableMeshError, match="message of the server"):
+        read_mesh(b'{"message": "Not Found", "status": "404"}', "a.gltf")
 
 
 def zipped(*names):

@@ -143,8 +143,13 @@ def test_pictures_beside_it_are_found_sent_along_and_kept(tmp_path: Path) -> Non
     assert done.mesh.faces == 2
     assert mesh.texture is not None
     assert set(mesh.texture.of_face) == {1}
-    vertices, _ = halve(path, [1.0, 0.0, 0.0, -4.0])
-    assert vertices[:, 0].min() == 4.0
+    half = halve(path, [1.0, 0.0, 0.0, -4.0])
+    assert half.vertices[:, 0].min() == 4.0
+    assert half.texture is not None
+    assert set(half.texture.of_face) == {1}
+    again = halve(half, [0.0, 1.0, 0.0, -0.5])  # and what is made of it keeps it too
+    assert again.texture is not None
+    assert set(again.texture.of_face) == {1}
 
 
 def test_indices_out_of_range_are_left_for_others_to_find() -> None:

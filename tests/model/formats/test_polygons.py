@@ -51,6 +51,22 @@ def test_a_polygon_is_covered_once_and_keeps_its_orientation(name, start, revers
     assert np.array_equal(np.arange(len(points))[done.places], done.faces)
 
 
+TONGUE = [(0, 0), (2, 0), (2, 1), (3, 1), (2, 1), (2, 2), (0, 2)]  # an edge out and back
+DETOUR = [(0, 0), (2, 0), (3, 0), (2, 0), (2, 2), (1, 1), (0, 2)]  # the same along an edge
+TWICE = [(0, 0), (0, 0), (3, 0), (3, 3), (1, 1), (1, 1), (0, 3), (0, 1)]  # corners that are told twice
+
+
+@pytest.mark.parametrize("outline", [TONGUE, DETOUR, TWICE])
+@pytest.mark.parametrize("seed", range(20))
+def test_tongues_without_width_and_corners_told_twice_add_nothing_and_cost_nothing(outline, seed):
+    points, normal = placed(np.roll(np.array(outline, dtype=float), seed, axis=0), seed)
+    done = triangulate(points, np.arange(len(points)), np.array([len(points)]), Limits())
+    along = areas_of(points, done.faces) @ normal
+    assert (along > -1e-9).all()
+    assert along.sum() == pytest.approx(shoelace(outline), rel=1e-9)
+    assert done.crossing == 0
+
+
 @pytest.mark.parametrize("name", OUTLINES)
 def test_prisms_are_watertight_in_every_format_with_polygons(name):
     outline = OUTLINES[name]

@@ -136,11 +136,3 @@ def test_colours_painted_in_a_slicer_are_told(attribute):
     plain = three_mf(f"<object id='1'><mesh>{XML_TETRAHEDRON}</mesh></object>", "<item objectid='1'/>")
     assert not read_mesh(plain, "a.3mf").painted
     assert not read_mesh(plain, "a.3mf", looks=True).warnings
-
-
-def test_pictures_of_3mf_are_told():
-    space = "xmlns:m='http://schemas.microsoft.com/3dmanufacturing/material/2015/02'"
-    picture = f"<m:texture2d {space} id='9' path='/3D/a.png' contenttype='image/png'/>"
-    data = three_mf(f"{picture}<object id='1'><mesh>{XML_TETRAHEDRON}</mesh></object>", "<item objectid='1'/>")
-    assert read_mesh(data, "a.3mf").painted
-    assert any("pictures on the surface" in text for text in read_mesh(data, "a.3mf", looks=True).warnings)

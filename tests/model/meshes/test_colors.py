@@ -68,7 +68,7 @@ def test_other_programs_see_the_same_colours(tmp_path) -> None:
 
 def test_a_completed_mesh_has_the_colours_of_what_it_was_mirrored_from() -> None:
     whole = painted()
-    half, _ = editing.half_of(whole, np.array([1.0, 0, 0, 0]))
+    half, *_ = editing.half_of(whole, np.array([1.0, 0, 0, 0]))
     require_painted(half)
     done = complete(half, plane=[1, 0, 0, 0])
     assert done.completion.faces_added > 0
@@ -80,7 +80,7 @@ def test_a_completed_mesh_has_the_colours_of_what_it_was_mirrored_from() -> None
 def test_a_cut_through_a_gradient_interpolates_it() -> None:
     vertices = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 2, 0]])
     colors = np.array([[0, 0, 0, 255], [200, 100, 0, 255], [100, 50, 0, 255]], dtype=np.uint8)
-    half, _ = editing.half_of(Mesh.checked(vertices, [[0, 1, 2]], colors=colors), np.array([1.0, 0, 0, 0]))
+    half, *_ = editing.half_of(Mesh.checked(vertices, [[0, 1, 2]], colors=colors), np.array([1.0, 0, 0, 0]))
     assert half.colors is not None
     expected = 100 + 100 * half.vertices[:, 0]
     assert np.abs(half.colors[:, 0] - expected).max() <= 1

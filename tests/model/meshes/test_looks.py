@@ -19,7 +19,6 @@ from model.formats.conversion import as_mesh, files_at_hand
 from model.meshes.mesh import Mesh
 from model.meshes.texture import Picture, Texture
 from tests.model.formats.test_gltf_as_shown import F32, U8, U16, Document
-from tests.model.mesh_files import archive
 
 GLB = MESH_WRITERS["glb"]
 COLORS = "considered"
@@ -96,7 +95,7 @@ def test_other_programs_see_the_same_pictures(tmp_path: Path) -> None:
 
 def test_half_and_completion_and_aligned_copy_keep_the_pictures() -> None:
     box = laid_box()
-    half, _ = editing.half_of(box, np.array([0.0, 1, 0, 0]))
+    half, *_ = editing.half_of(box, np.array([0.0, 1, 0, 0]))
     require_laid(half)
     assert half.area == pytest.approx(box.area / 2)
     # The other half is laid with the mirrored picture.
@@ -306,34 +305,6 @@ def test_a_broken_library_is_no_error() -> None:
         text = OBJ.format(library="a.mtl") + "f 1/999 2/0 3/-99\n"
         mesh = read_mesh(text.encode(), "a.obj", resources=files_at_hand({"a.mtl": library}), looks=True)
         assert len(mesh.faces) == 6
-
-
-def test_colours_of_3mf() -> None:
-    material = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
-    corners = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)))
-    triangles = (
-        '<triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3" pid="2" p1="0" p2="1" p3="2"/>'
-        '<triangle v1="1" v2="2" v3="3" p1="0"/><triangle v1="2" v2="0" v3="3" pid="9" p1="0"/>'
-    )
-    model = (
-        f'<model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" xmlns:m="{material}"><resources>'
-        '<basematerials id="1"><base name="a" displaycolor="#FF0000"/><base name="b" displaycolor="#00FF0080"/>'
-        '</basematerials><m:colorgroup id="2"><m:color color="#0000FF"/><m:color color="#00FFFF"/>'
-        '<m:color color="#FFFF00"/></m:colorgroup>'
-        f'<object id="5" pid="1" pindex="1"><mesh><vertices>{corners}</vertices><triangles>{triangles}</triangles>'
-        '</mesh></object></resources><build><item objectid="5"/></build></model>'
-    )
-    data = archive(model)
-    mesh = read_mesh(data, "a.3mf", looks=True)
-    assert mesh.colors is not None
-    seen = [mesh.colors[face].tolist() for face in mesh.faces]
-    green, red = [0, 255, 0, 128], [255, 0, 0, 255]
-    assert seen == [[green] * 3, [[0, 0, 255, 255], [0, 255, 255, 255], [255, 255, 0, 255]], [red] * 3,
-                    [[255] * 4] * 3]  # fmt: skip
-    plain = read_mesh(data, "a.3mf")
-    assert len(plain.vertices) == 4
-    assert plain.painted
-    assert np.array_equal(plain.vertices[plain.faces], mesh.vertices[mesh.faces])
 
 
 def test_colours_that_were_not_considered_are_told() -> None:
