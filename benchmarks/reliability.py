@@ -1,9 +1,9 @@
 """What the service survives: hostile files, load beyond its capacity, faults, and a long run. Prints Markdown.
 
-    python benchmarks/reliability.py PART [--workers N] [--seconds N] [--requests N] [--scale X]
+    python benchmarks/reliability.py PART [--workers N] [--seconds N] [--requests N] [--scale X] [--apart N]
 
 Starts a server of its own with the shipped weights and `--workers` workers (default: 2), on the machine's cores, which
-the clients share.
+the clients share; with `--apart N` the clients alone have the last N cores, as if they were on a machine of their own.
 """
 
 import argparse
@@ -48,13 +48,21 @@ def where() -> str:
 
 
 @contextmanager
-def serving(workers: int, **settings: str) -> Iterator[Server]:
-    """A server with its log in a temporary folder."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        running(Path(folder) / "log", WORKERS=str(workers), LOG_LEVEL="warning", **settings) as server,
-    ):
-        yield server
+def serving(workers: int, apart: int = 0, **settings: str) -> Iterator[Server]:
+    """A server with its log in a temporary folder; the clients, this process, have the last ``apart`` cores alone."""
+    cores = sorted(os.sched_getaffinity(0))
+    if not 0 <= apart < len(cores):
+        raise SystemExit(f"--apart {apart} leaves no core to the server: there are {len(cores)}")
+    os.sched_setaffinity(0, cores[: len(cores) - apart])
+    try:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            running(Path(folder) / "log", WORKERS=str(workers), LOG_LEVEL="warning", **settings) as server,
+        ):
+            os.sched_setaffinity(0, cores[-apart:] if apart else cores)
+            yield server
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 def is_chair(answer: dict[str, Any]) -> bool:
@@ -108,7 +116,7 @@ def overload(options: argparse.Namespace) -> None:
     body = load.form(*CHAIR)
     request = load.head(len(body)).removesuffix(b"\r\n") + b"Connection: close\r\n\r\n" + body
     sign = b'"faces":260'
-    with serving(options.workers) as server:
+    with serving(options.workers, options.apart) as server:
         load.flood(server.port, request, sign, 1.0, clients=4 * options.workers)
         closed = load.flood(server.port, request, sign, options.seconds, clients=4 * options.workers)
         capacity = len(closed.seconds) / options.seconds
@@ -319,6 +327,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement (default: 20)")
     parser.add_argument("--requests", type=int, default=20_000, help="of the soak (default: 20000)")
+    parser.add_argument(
+        "--apart", type=int, default=0, help="cores that are the clients' alone, for `load` (default: 0)"
+    )
     parser.add_argument("--scale", type=float, default=1.0, help="of the hostile files (default: 1)")
     options = parser.parse_args()
     print(f"`{options.part}` {where()}\n", flush=True)

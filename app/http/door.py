@@ -16,17 +16,21 @@ from typing import Any
 
 import httptools
 
-from app.http.gate import Gate
+from app.http.gate import Arrival, Gate
 
 logger = logging.getLogger("prsnet")
 
 _BACKLOG = 2048
-_AT_A_TIME = 32  # then others have their turn
+_AT_A_TIME = 16  # then others have their turn
 _LOOKED_AT = 64 * 1024
 _DEFER_S = 1
-_PAUSE_S = 0.5
+_PAUSE_S = 0.5  # when there are no descriptors
+_GATHER_S = 0.01
 _SWEEP_S = 1.0
-_MORE: int = getattr(socket, "MSG_MORE", 0)
+# Plain numbers: to combine flags costs microseconds.
+_NOW = int(socket.MSG_DONTWAIT)
+_PEEK = int(socket.MSG_PEEK | socket.MSG_DONTWAIT)
+_WITH_THE_END = _NOW | int(getattr(socket, "MSG_MORE", 0))  # what is sent goes in one packet with the end
 
 
 def listen(host: str, port: int) -> list[socket.socket]:
@@ -63,7 +67,8 @@ class _Request:
 
     def __init__(self) -> None:
         self.parser: Any = httptools.HttpRequestParser(self)
-        self.url = b""
+        self.size = 0  # bytes that have come
+        self.url = self.method = self.path = b""
         self.headers: list[tuple[bytes, bytes]] = []
         self.begun = 0
         self.has_header = self.is_last = self.is_whole = False
@@ -86,7 +91,9 @@ class _Request:
 
 
 class Door(asyncio.AbstractServer):
-    """Accepts the connections of ``sockets``; ``protocol`` makes what serves those that are let in.
+    """Accepts the connections of ``sockets``; ``protocol`` makes what serves one that is let in.
+
+    What it is let in for is told to it, so that all that come at the same moment do not rely on one place.
 
     A refused client may say the rest of what it began for ``linger_s``; so many at most are left that time.
     """
@@ -95,7 +102,7 @@ class Door(asyncio.AbstractServer):
         self,
         sockets: Sequence[socket.socket],
         gate: Gate,
-        protocol: Callable[[], asyncio.BaseProtocol],
+        protocol: Callable[[Arrival | None], asyncio.BaseProtocol],
         linger_s: float,
         most_lingering: int,
     ) -> None:
@@ -109,6 +116,11 @@ class Door(asyncio.AbstractServer):
         self._lingering: dict[socket.socket, float] = {}  # until when, the first so first
         for one in self.sockets:
             self._loop.add_reader(one.fileno(), self._accept, one)
+
+    @property
+    def lingering(self) -> int:
+        """Refused clients that have not hung up."""
+        return len(self._lingering)
 
     def close(self) -> None:
         """Accept no more."""
@@ -125,42 +137,64 @@ class Door(asyncio.AbstractServer):
             self._leave(connection)
 
     def _accept(self, listening: socket.socket) -> None:
+        has_refused = False
         for _ in range(_AT_A_TIME):
             try:
                 connection, address = listening.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
-                return
+                break
             except OSError as error:  # no descriptor or no memory is left: to try again at once would be a busy loop
                 logger.error("no connection can be accepted: %s", error)
-                self._loop.remove_reader(listening.fileno())
-                self._loop.call_later(_PAUSE_S, self._accept_again, listening)
+                self._wait(listening, _PAUSE_S)
                 return
-            if not self._refuse(connection, str(address[0])):
-                entering = self._loop.connect_accepted_socket(self._protocol, connection)
-                task = self._loop.create_task(self._enter(entering))
-                self._entering.add(task)
-                task.add_done_callback(self._entering.discard)
+            peer = str(address[0])
+            request = self._look(connection)
+            if self._refuse(connection, request, peer):
+                has_refused = True
+            else:
+                self._enter(connection, request, peer)
+        else:
+            return  # there may be more, which come after what else there is to do
+        if has_refused and self._gate.has_reserve:
+            # Some at a time cost less than one after the other, each of which would interrupt a worker.
+            self._wait(listening, _GATHER_S)
+
+    def _wait(self, listening: socket.socket, seconds: float) -> None:
+        """Accept no more for a while."""
+        self._loop.remove_reader(listening.fileno())
+        self._loop.call_later(seconds, self._accept_again, listening)
 
     def _accept_again(self, listening: socket.socket) -> None:
         if listening.fileno() >= 0:
             self._loop.add_reader(listening.fileno(), self._accept, listening)
 
-    async def _enter(self, entering: Any) -> None:
-        with contextlib.suppress(OSError):  # it has gone
-            await entering
-
-    def _refuse(self, connection: socket.socket, peer: str) -> bool:
-        """Whether it was refused: there is nothing more to do about this connection."""
+    def _look(self, connection: socket.socket) -> _Request:
+        """What has come of its first request."""
         request = _Request()
-        try:
-            size = connection.recv_into(self._seen, 0, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-            request.parser.feed_data(self._seen[:size])
-            if not request.has_header:
-                return False
-            method, path = request.parser.get_method(), httptools.parse_url(request.url).path
-        except (OSError, httptools.HttpParserError, httptools.HttpParserUpgrade):
-            return False  # whatever is to be said to it, the protocol knows
-        refusal = self._gate.refusal(method, path, request.headers, peer)
+        # Whatever is wrong with it, the protocol knows what to say.
+        with contextlib.suppress(OSError, httptools.HttpParserError, httptools.HttpParserUpgrade):
+            request.size = connection.recv_into(self._seen, 0, _PEEK)
+            request.parser.feed_data(self._seen[: request.size])
+            if request.has_header:
+                request.method, request.path = request.parser.get_method(), httptools.parse_url(request.url).path
+        return request
+
+    def _enter(self, connection: socket.socket, request: _Request, peer: str) -> None:
+        arrival = None
+        if self._gate.guards(request.method, request.path):
+            arrival = Arrival(self._gate, self._gate.client(request.headers, peer))
+
+        async def enter() -> None:
+            with contextlib.suppress(OSError):  # it has gone
+                await self._loop.connect_accepted_socket(lambda: self._protocol(arrival), connection)
+
+        task = self._loop.create_task(enter())
+        self._entering.add(task)
+        task.add_done_callback(self._entering.discard)
+
+    def _refuse(self, connection: socket.socket, request: _Request, peer: str) -> bool:
+        """Whether it was refused: there is nothing more to do about this connection."""
+        refusal = self._gate.refusal(request.method, request.path, request.headers, peer)
         if refusal is None or not (request.is_last or refusal.status == HTTPStatus.SERVICE_UNAVAILABLE):
             return False
         is_over = request.is_last and request.is_whole and request.begun == 1
@@ -168,9 +202,9 @@ class Door(asyncio.AbstractServer):
             return False
         try:
             # All that came is read: else the kernel would take the answer back when the connection is closed.
-            connection.recv_into(self._seen, size, socket.MSG_DONTWAIT)
-            answer = self._gate.answer(refusal, path, request.headers, keep=False)
-            connection.send(answer, socket.MSG_DONTWAIT | _MORE)  # what follows is the end: one packet
+            connection.recv_into(self._seen, request.size, _NOW)
+            answer = self._gate.answer(refusal, request.path, request.headers, keep=False)
+            connection.send(answer, _WITH_THE_END)
             if is_over:
                 connection.close()
             else:
@@ -189,7 +223,7 @@ class Door(asyncio.AbstractServer):
     def _discard(self, connection: socket.socket) -> None:
         """What a refused client still sends is read and thrown away, until it hangs up."""
         try:
-            if connection.recv_into(self._seen, 0, socket.MSG_DONTWAIT):
+            if connection.recv_into(self._seen, 0, _NOW):
                 return
         except BlockingIOError:
             return

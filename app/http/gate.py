@@ -133,6 +133,11 @@ class Gate:
             return _UPLOADS_FULL
         return None
 
+    @property
+    def has_reserve(self) -> bool:
+        """Whether so many requests wait that no worker will be idle for the next milliseconds."""
+        return self._pool.admitted - self._pool.running >= self._settings.workers
+
     def answer(self, refusal: Refusal, path: bytes, headers: Headers, *, keep: bool) -> bytes:
         """The whole answer to a request that is refused, which is counted; ``keep``: the connection stays open."""
         claimed = next((value.decode("latin-1") for name, value in headers if name == _ID), "")

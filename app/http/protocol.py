@@ -81,6 +81,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
         _is_ending = False
         _is_last = False  # no other request will be read
         _left: int | None = None  # of its body, if that is known
+        arrival: Arrival | None = None  # for which it was let in, and which its first request takes the place of
         address = ""
 
         # Connections
@@ -213,6 +214,8 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
             path = httptools.parse_url(self.url).path
             parser: Any = self.parser
             method = parser.get_method()
+            if self.arrival is not None:
+                self.arrival.end()
             refusal = gate.refusal(method, path, self.headers, self.address)
             if refusal is None:
                 super().on_headers_complete()

@@ -14,6 +14,7 @@ import uvicorn
 
 from app import logs
 from app.http.door import Door, listen
+from app.http.gate import Arrival
 from app.http.main import create_app
 from app.http.protocol import bounded
 from app.http.runtime import Runtime
@@ -55,9 +56,11 @@ class DrainingServer(uvicorn.Server):
         await super().startup([])
         settings = self._runtime.settings
 
-        def protocol() -> asyncio.BaseProtocol:
-            made: Any = self.config.http_protocol_class
-            return made(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+        def protocol(arrival: Arrival | None) -> asyncio.BaseProtocol:
+            kind: Any = self.config.http_protocol_class
+            made = kind(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+            made.arrival = arrival
+            return made
 
         servers: list[Any] = self.servers
         servers.append(

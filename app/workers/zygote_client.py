@@ -62,7 +62,7 @@ def launcher(weights: str) -> Launch:
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env=_environment() | ONE_THREAD | {"PYTHONPATH": path},
-                start_new_session=True,  # a Ctrl-C is the server's to handle
+                process_group=0,  # a Ctrl-C is the server's to handle; in its session, where `nice` counts between them
             )
 
         def end() -> None:
