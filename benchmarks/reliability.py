@@ -179,6 +179,35 @@ def isolation(options: argparse.Namespace) -> None:
                 assert set(alone.statuses) == set(many.statuses) == {200}
 
 
+def renewal(options: argparse.Namespace) -> None:
+    """What it costs that workers come from a new process now and then: more clients than workers, in turn."""
+    print(
+        "| `PRSNET_RENEW_S` | answers | processor, ms an answer | memory at most, MB | workers replaced "
+        "| p50, ms | p99 | slowest |\n" + "| --- " * 8 + "|"
+    )
+    body = load.form(*CHAIR)
+    heads = [
+        load.head(len(body)).removesuffix(b"\r\n") + b"X-Client: %d\r\nConnection: close\r\n\r\n" % n
+        for n in range(options.workers + 2)
+    ]
+    for after in ("0", "10"):
+        with serving(options.workers, RENEW_S=after, CLIENT_ADDRESS_HEADER="X-Client") as server:
+            before, most, seen = load.processor_s_of_all(server.process.pid), 0, list[load.Flood]()
+            end = time.monotonic() + 2 * options.seconds
+            while time.monotonic() < end:
+                for head in heads:
+                    seen.append(load.flood(server.port, head + body, b'"faces":260', 0.05, rate=20))
+                most = max(most, load.resident_kb(server.process.pid)) if len(seen) % 20 == 0 else most
+            spent = load.processor_s_of_all(server.process.pid) - before
+            times = [one for flood in seen for one in flood.seconds]
+            print(
+                f"| {after} | {len(times)} | {1e3 * spent / len(times):.1f} | {most / 1024:.0f} | {restarts(server)} | "
+                f"{percentiles(times)} |",
+                flush=True,
+            )
+            require({status for flood in seen for status in flood.statuses} == {200}, "an answer that is no 200")
+
+
 def health(options: argparse.Namespace) -> None:
     """Latency of the probes while all workers are busy and a 100 MB upload runs."""
     print("| while | probes | statuses | p50, ms | p99 | slowest |\n| --- | --- | --- | --- | --- | --- |")
@@ -341,8 +370,8 @@ def soak(options: argparse.Namespace) -> None:
 def main() -> None:
     """Parse the command line and run one part."""
     parts = {
-        "hostile": hostile, "load": overload, "isolation": isolation, "health": health, "attacks": attacks,
-        "chaos": chaos, "soak": soak,
+        "hostile": hostile, "load": overload, "isolation": isolation, "renewal": renewal, "health": health,
+        "attacks": attacks, "chaos": chaos, "soak": soak,
     }  # fmt: skip
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)

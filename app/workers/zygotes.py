@@ -29,7 +29,7 @@ class Zygotes:
         self._settings = settings
         self._launch = launch
         self._since = 0.0
-        self._change = asyncio.Lock()
+        self._revival = asyncio.Lock()
         self._closed = False
 
     def on_worker_end(self, worker: Worker) -> None:
@@ -70,7 +70,7 @@ class Zygotes:
         Raises:
             StartError: there is none to be had.
         """
-        async with self._change:
+        async with self._revival:
             if self.current is not None and self.current.alive:
                 return self.current
             if self.current is not None:
@@ -83,18 +83,18 @@ class Zygotes:
 
     async def succeed(self) -> ZygoteClient | None:
         """Replace the current one; returns it, that it may be closed, or None where there is no other to be had."""
-        async with self._change:
-            self._since = asyncio.get_running_loop().time()
-            zygote, former = self._new(), None
-            try:
-                if await zygote.start() == self.card and not self._closed:
-                    former, self.current = self.current, zygote
-            except StartError as error:
-                logger.error("no new process to fork workers from: %s", error)
-            finally:
-                if former is None:
-                    await zygote.close()
-            return former
+        self._since = asyncio.get_running_loop().time()
+        zygote, former = self._new(), None
+        try:
+            # Meanwhile the current one goes on forking.
+            if await zygote.start() == self.card and not self._closed:
+                former, self.current = self.current, zygote
+        except StartError as error:
+            logger.error("no new process to fork workers from: %s", error)
+        finally:
+            if former is None:
+                await zygote.close()
+        return former
 
     async def close(self) -> None:
         """End the current one, and let there be no other."""

@@ -173,6 +173,27 @@ async def test_now_and_then_workers_come_from_a_new_process_and_nobody_notices(
         assert await ask("bob") == 200
 
 
+async def test_while_a_new_process_loads_the_old_one_goes_on_forking(
+    serving: Serving, detector: FakeDetector, chair: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loading, loaded = asyncio.Event(), asyncio.Event()
+    async with serving(detector, workers=1, isolation="request") as (client, runtime):
+        start = ZygoteClient.start
+
+        async def slow(self: ZygoteClient) -> Any:
+            loading.set()
+            await loaded.wait()
+            return await start(self)
+
+        monkeypatch.setattr(ZygoteClient, "start", slow)
+        exchange = asyncio.create_task(runtime.pool._exchange_zygote())
+        await loading.wait()
+        for _ in range(4):  # more than there are spare workers
+            assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
+        loaded.set()
+        await exchange
+
+
 async def test_without_a_filter_for_system_calls_it_does_not_start(
     monkeypatch: pytest.MonkeyPatch, detector: FakeDetector, caplog: pytest.LogCaptureFixture
 ) -> None:
