@@ -41,7 +41,7 @@ from model.search.answer import LevelChoice, answer
 from model.search.confidence import NAMES, is_certain, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
-from model.search.exactness import ExactnessTest, resolution_of
+from model.search.exactness import ExactnessTest, clusters, resolution_of
 from model.search.full import Found, Sources, find_symmetries
 from model.search.part import fits_better
 from model.search.prediction import guesses, likeliest
@@ -91,6 +91,7 @@ class Detector:
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
+        clusters(corners)  # of what breaks a symmetry, which nothing of this box does
         inner_faces(np.concatenate([corners, corners / 2.0 + 0.1]), np.concatenate([faces, faces + 8]))
         _ = mesh.bounds, mesh.area, mesh.watertight
 
