@@ -36,9 +36,10 @@ format: $(VENV)/.dev ## format the code and fix what the linter can fix
 bench: $(VENV)/.dev ## time and memory from bytes to symmetries, by size, shape and format (minutes; ARGS=--help)
 	@$(BIN)/python -m benchmarks.performance $(ARGS)
 
-soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing of the readers
-	@TEST_FUZZ=50 $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
-	@for part in hostile load isolation health attacks chaos soak; do echo; $(BIN)/python benchmarks/reliability.py $$part || exit 1; done
+soak: $(VENV)/.dev ## the long tests: 20,000 requests, hostile files, chaos, overload, fuzzing (QUICK=1: in minutes)
+	@TEST_FUZZ=$(if $(QUICK),2,50) $(BIN)/python -m pytest tests/model/formats/test_fuzz_readers.py --timeout 3600
+	@for part in hostile load isolation health attacks chaos soak; do echo; $(BIN)/python benchmarks/reliability.py $$part \
+		$(if $(QUICK),--seconds 4 --requests 2000) || exit 1; done
 
 cluster: $(VENV)/.dev ## the tests that start Ray on several nodes, and kill nodes and processes (minutes, on an idle machine)
 	@TEST_CLUSTER=1 $(BIN)/python -m pytest tests/app/bulk tests/docs tests/training/trainer/test_distributed.py -n 0 --timeout 900

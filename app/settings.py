@@ -172,6 +172,12 @@ class Settings(BaseSettings):
         description="What a worker serves before it is replaced: any requests, those of one client (one key, or "
         "without keys one address), or a single one.",
     )
+    renew_s: float = Field(
+        default=600.0,
+        ge=0,
+        description="Seconds after which workers that replace others are forked from a new process, with other "
+        "addresses (0: only after one has crashed or lied).",
+    )
     worker_nice: int = Field(default=5, ge=0, le=19, description="By how much workers give way to the server itself.")
     sandbox: bool = Field(
         default=True, description="Workers may not open files or connections (Linux on x86-64 and ARM64)."

@@ -1,9 +1,12 @@
 """What the service survives: hostile files, load beyond its capacity, faults, and a long run. Prints Markdown.
 
-    python benchmarks/reliability.py PART [--workers N] [--seconds N] [--requests N] [--scale X]
+What must never be, however slow the machine is, ends it with exit code 1: a 500, 1 % or more of other 5xx for hostile
+files, a wrong answer or none, memory that grows.
+
+    python benchmarks/reliability.py PART [--workers N] [--seconds N] [--requests N] [--scale X] [--apart N]
 
 Starts a server of its own with the shipped weights and `--workers` workers (default: 2), on the machine's cores, which
-the clients share.
+the clients share; with `--apart N` the clients alone have the last N cores, as if they were on a machine of their own.
 """
 
 import argparse
@@ -48,13 +51,27 @@ def where() -> str:
 
 
 @contextmanager
-def serving(workers: int, **settings: str) -> Iterator[Server]:
-    """A server with its log in a temporary folder."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        running(Path(folder) / "log", WORKERS=str(workers), LOG_LEVEL="warning", **settings) as server,
-    ):
-        yield server
+def serving(workers: int, apart: int = 0, **settings: str) -> Iterator[Server]:
+    """A server with its log in a temporary folder; the clients, this process, have the last ``apart`` cores alone."""
+    cores = sorted(os.sched_getaffinity(0))
+    if not 0 <= apart < len(cores):
+        raise SystemExit(f"--apart {apart} leaves no core to the server: there are {len(cores)}")
+    os.sched_setaffinity(0, cores[: len(cores) - apart])
+    try:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            running(Path(folder) / "log", WORKERS=str(workers), LOG_LEVEL="warning", **settings) as server,
+        ):
+            os.sched_setaffinity(0, cores[-apart:] if apart else cores)
+            yield server
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def require(holds: bool, what: str) -> None:
+    """End with exit code 1 unless it holds."""
+    if not holds:
+        raise SystemExit(f"FAILED: {what}")
 
 
 def is_chair(answer: dict[str, Any]) -> bool:
@@ -83,7 +100,7 @@ def restarts(server: Server) -> dict[str, int]:
 def hostile(options: argparse.Namespace) -> None:
     """Every hostile file once, one after the other."""
     print("| class | files | answers | slowest, s | workers replaced |\n| --- | --- | --- | --- | --- |")
-    total: Counter[str] = Counter()
+    total, answered = Counter[str](), 0
     with serving(options.workers, DEADLINE_S="20", MAX_UPLOAD_BYTES="100000000") as server:
         before = restarts(server)
         for title, generate in CLASSES.items():
@@ -98,9 +115,14 @@ def hostile(options: argparse.Namespace) -> None:
                 seen += f", broken: {dict(tally.broken)}"
             print(f"| {title} | {tally.sent} | {seen} | {max(tally.seconds):.2f} | {replaced} |", flush=True)
             total += tally.statuses
+            answered += tally.sent
             before = after
         assert load.post(server.port, load.form(*CHAIR))[0] == 200
-    print(f"\n{sum(total.values())} files; 5xx: {sum(n for status, n in total.items() if status[0] == '5')}")
+    broken = sum(number for status, number in total.items() if status[0] == "5")
+    print(f"\n{sum(total.values())} files; 5xx: {broken}")
+    require(broken < 0.01 * sum(total.values()), f"{broken} answers of 5xx to hostile files")
+    require(not any(status.startswith("500") for status in total), "a 500")
+    require(answered == sum(total.values()), "a hostile file without an answer")
 
 
 def overload(options: argparse.Namespace) -> None:
@@ -108,7 +130,7 @@ def overload(options: argparse.Namespace) -> None:
     body = load.form(*CHAIR)
     request = load.head(len(body)).removesuffix(b"\r\n") + b"Connection: close\r\n\r\n" + body
     sign = b'"faces":260'
-    with serving(options.workers) as server:
+    with serving(options.workers, options.apart) as server:
         load.flood(server.port, request, sign, 1.0, clients=4 * options.workers)
         closed = load.flood(server.port, request, sign, options.seconds, clients=4 * options.workers)
         capacity = len(closed.seconds) / options.seconds
@@ -129,6 +151,7 @@ def overload(options: argparse.Namespace) -> None:
                 f"{1e3 * spent / seen.sent:.2f} | {1e3 * seen.client_s / seen.sent:.2f} |",
                 flush=True,
             )
+            require(seen.wrong == 0 and served + refused == seen.sent, "answers that are wrong, missing, or others")
 
 
 def isolation(options: argparse.Namespace) -> None:
@@ -154,6 +177,35 @@ def isolation(options: argparse.Namespace) -> None:
                     flush=True,
                 )
                 assert set(alone.statuses) == set(many.statuses) == {200}
+
+
+def renewal(options: argparse.Namespace) -> None:
+    """What it costs that workers come from a new process now and then: more clients than workers, in turn."""
+    print(
+        "| `PRSNET_RENEW_S` | answers | processor, ms an answer | memory at most, MB | workers replaced "
+        "| p50, ms | p99 | slowest |\n" + "| --- " * 8 + "|"
+    )
+    body = load.form(*CHAIR)
+    heads = [
+        load.head(len(body)).removesuffix(b"\r\n") + b"X-Client: %d\r\nConnection: close\r\n\r\n" % n
+        for n in range(options.workers + 2)
+    ]
+    for after in ("0", "10"):
+        with serving(options.workers, RENEW_S=after, CLIENT_ADDRESS_HEADER="X-Client") as server:
+            before, most, seen = load.processor_s_of_all(server.process.pid), 0, list[load.Flood]()
+            end = time.monotonic() + 2 * options.seconds
+            while time.monotonic() < end:
+                for head in heads:
+                    seen.append(load.flood(server.port, head + body, b'"faces":260', 0.05, rate=20))
+                most = max(most, load.resident_kb(server.process.pid)) if len(seen) % 20 == 0 else most
+            spent = load.processor_s_of_all(server.process.pid) - before
+            times = [one for flood in seen for one in flood.seconds]
+            print(
+                f"| {after} | {len(times)} | {1e3 * spent / len(times):.1f} | {most / 1024:.0f} | {restarts(server)} | "
+                f"{percentiles(times)} |",
+                flush=True,
+            )
+            require({status for flood in seen for status in flood.statuses} == {200}, "an answer that is no 200")
 
 
 def health(options: argparse.Namespace) -> None:
@@ -266,6 +318,8 @@ def chaos(options: argparse.Namespace) -> None:
         print(f"{len(killed)} workers killed, {left[0]} clients left, in {options.seconds:.0f} s")
         print(f"{tally.sent} requests, answers: {dict(tally.statuses)}, without one: {dict(tally.broken)}")
         print(f"wrong answers: {len(tally.wrong)}; replaced: {restarts(server)}")
+        require(not tally.wrong and not tally.broken, "answers that are wrong or missing")
+        require("500 internal-error" not in tally.statuses, "a 500")
 
 
 def soak(options: argparse.Namespace) -> None:
@@ -275,7 +329,7 @@ def soak(options: argparse.Namespace) -> None:
     statuses: Counter[str] = Counter()
     lock = threading.Lock()
     left = [options.requests]
-    with serving(options.workers, WORKER_JOBS="500") as server:
+    with serving(options.workers, WORKER_JOBS="500", RENEW_S="60") as server:
 
         def work() -> None:
             while True:
@@ -304,21 +358,29 @@ def soak(options: argparse.Namespace) -> None:
         for thread in threads:
             thread.join()
         print(f"\nanswers: {dict(statuses)}; replaced: {restarts(server)}")
+        while len([above for above in load.processes(server.process.pid).values() if above == server.process.pid]) > 1:
+            time.sleep(0.1)  # workers are about to come from a new process, whose memory comes on top for a moment
+        now = load.resident_kb(server.process.pid)
         if after_1000:
             print(f"growth after the first 1,000: {100 * (now / after_1000 - 1):+.1f} %")
+            require(now < 1.3 * after_1000, "memory grows")
+        require(not any(status[0] in "5b" for status in statuses), "a 5xx, or no answer")
 
 
 def main() -> None:
     """Parse the command line and run one part."""
     parts = {
-        "hostile": hostile, "load": overload, "isolation": isolation, "health": health, "attacks": attacks,
-        "chaos": chaos, "soak": soak,
+        "hostile": hostile, "load": overload, "isolation": isolation, "renewal": renewal, "health": health,
+        "attacks": attacks, "chaos": chaos, "soak": soak,
     }  # fmt: skip
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=parts)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement (default: 20)")
     parser.add_argument("--requests", type=int, default=20_000, help="of the soak (default: 20000)")
+    parser.add_argument(
+        "--apart", type=int, default=0, help="cores that are the clients' alone, for `load` (default: 0)"
+    )
     parser.add_argument("--scale", type=float, default=1.0, help="of the hostile files (default: 1)")
     options = parser.parse_args()
     print(f"`{options.part}` {where()}\n", flush=True)

@@ -41,13 +41,16 @@ from model.search.answer import LevelChoice, answer
 from model.search.confidence import NAMES, is_certain, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
-from model.search.exactness import ExactnessTest, resolution_of
+from model.search.exactness import ExactnessTest, clusters, resolution_of
 from model.search.full import Found, Sources, find_symmetries
 from model.search.part import fits_better
 from model.search.prediction import guesses, likeliest
 from model.search.settings import DEFAULT
 from model.symmetries import Symmetries
 from model.types import FloatArray, IntArray
+
+_OUTERMOST = 0.5 + 1e-9
+"""Unit frame: no point of a surface is farther from its centre."""
 
 DIRECTION_STRIDE = 83
 """Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
@@ -88,6 +91,7 @@ class Detector:
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
+        clusters(corners)  # of what breaks a symmetry, which nothing of this box does
         inner_faces(np.concatenate([corners, corners / 2.0 + 0.1]), np.concatenate([faces, faces + 8]))
         _ = mesh.bounds, mesh.area, mesh.watertight
 
@@ -124,7 +128,7 @@ class Detector:
         mesh = as_mesh(mesh)
         frame = unit_frame(mesh.vertices, mesh.faces)
         vertices = frame.to_unit(mesh.vertices)
-        resolution = resolution_of(mesh.vertices) / frame.scale
+        resolution = resolution_of(_used(mesh, vertices)) / frame.scale
         timings: dict[str, float] = {}
         notes: tuple[str, ...] = ()
         if mode == "paper":
@@ -282,6 +286,13 @@ def use_one_thread() -> None:
     """One torch thread a worker: a network of this size gains nothing from more, and loses much under load."""
     if "torch" in sys.modules:  # needed for networks with other layers alone
         sys.modules["torch"].set_num_threads(1)
+
+
+def _used(mesh: Mesh, vertices_unit: FloatArray) -> FloatArray:
+    """The vertices of a mesh without those that no face uses, if any of these is farther out than the surface."""
+    if float(np.abs(vertices_unit).max()) <= _OUTERMOST:
+        return mesh.vertices
+    return mesh.vertices[np.unique(mesh.faces)]
 
 
 def _since(mark: float) -> float:

@@ -23,6 +23,7 @@ _NOTHING = 1e-14
 """Part of the scale that the sum over a surface may be off by: a centroid so near to zero is there."""
 
 _DECIMALS = 12
+_MOST_ROUNDED = 0.01  # lest nothing be left of a direction where coordinates are coarse beside the shape
 _DIGITS = 6
 _PROBABILITY_DECIMALS = 2
 _MUCH_MISSING, _JUST_OVER = 0.02, 4.0
@@ -48,7 +49,7 @@ def to_input(
         timings_ms: of the steps.
         notes: what else there is to say, as sentences.
     """
-    report = _Report(frame, max(_ROUNDING, 4.0 * resolution))
+    report = _Report(frame, min(max(_ROUNDING, 4.0 * resolution), _MOST_ROUNDED))
     planes = sorted((report.plane(plane) for plane in found.planes), key=_plane_order)
     axes = sorted((report.axis(axis) for axis in found.axes), key=_axis_order)
     return Detection(

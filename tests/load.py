@@ -193,6 +193,7 @@ class _Flooder:
         self.result = Flood()
         self._port, self._request, self._sign = port, request, sign
         self._epoll = select.epoll()
+        self._buffer = memoryview(bytearray(1 << 20))
         self._open: dict[int, tuple[socket.socket, float, list[bytes]]] = {}
 
     def __len__(self) -> int:
@@ -204,22 +205,26 @@ class _Flooder:
         connection.setblocking(False)
         connection.connect_ex(("127.0.0.1", self._port))
         self._open[connection.fileno()] = (connection, time.perf_counter(), [])
-        self._epoll.register(connection, select.EPOLLOUT)
+        try:
+            connection.send(self._request)  # it fits into the socket's buffer; here there is a connection by now
+            self._epoll.register(connection, select.EPOLLIN)
+        except BlockingIOError:
+            self._epoll.register(connection, select.EPOLLOUT)
 
     def poll(self, seconds: float) -> None:
         for descriptor, events in self._epoll.poll(seconds):
             connection, began, pieces = self._open[descriptor]
             try:
                 if events == select.EPOLLOUT:
-                    connection.send(self._request)  # it fits into the socket's buffer
+                    connection.send(self._request)
                     self._epoll.modify(descriptor, select.EPOLLIN)
                     continue
-                piece = connection.recv(1 << 20)
-            except OSError:
-                piece = b""
-            if piece:
-                pieces.append(piece)
+                while size := connection.recv_into(self._buffer):
+                    pieces.append(bytes(self._buffer[:size]))
+            except BlockingIOError:
                 continue
+            except OSError:
+                pass
             del self._open[descriptor]
             connection.close()
             self._finish(began, b"".join(pieces))

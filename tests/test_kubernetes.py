@@ -13,6 +13,7 @@ import yaml
 from app.http.main import create_app
 from app.http.runtime import Runtime
 from app.settings import Settings
+from tests.kustomized import build
 
 ROOT = Path(__file__).parents[1]
 DEPLOY = ROOT / "deploy"
@@ -56,19 +57,30 @@ def test_manifests_fit_the_schemas(kind: str) -> None:
 
 
 @pytest.mark.parametrize("overlay", ["base", "cpu-only"])
-@pytest.mark.skipif(shutil.which("kubectl") is None, reason="needs kubectl")
-def test_kustomize_builds_what_fits_the_schemas(overlay: str) -> None:
-    command = ["kubectl", "kustomize", str(DEPLOY / "kubernetes" / overlay)]
-    built = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
-    documents = {document["kind"]: document for document in yaml.safe_load_all(built.stdout)}
+def test_what_is_applied_fits_the_schemas(overlay: str) -> None:
+    documents = {document["kind"]: document for document in build(BASE.parent / overlay)}
     assert set(documents) == set(manifests()) | {"ConfigMap"}
     for document in documents.values():
         kubernetes_validate.validate(document, kubernetes_validate.latest_version(), strict=True)
     metrics = [metric["type"] for metric in documents["HorizontalPodAutoscaler"]["spec"]["metrics"]]
     assert metrics == (["Resource", "Pods"] if overlay == "base" else ["Resource"])
-    reference = documents["Deployment"]["spec"]["template"]["spec"]["containers"][0]["envFrom"][0]["configMapRef"]
-    assert reference["name"] == documents["ConfigMap"]["metadata"]["name"]
+    applied = documents["Deployment"]["spec"]["template"]["spec"]["containers"][0]
+    assert applied["envFrom"][0]["configMapRef"]["name"] == documents["ConfigMap"]["metadata"]["name"]
+    assert documents["ConfigMap"]["data"] == {name: value.partition("  #")[0] for name, value in SETTINGS.items()}
+    assert applied["image"].startswith("registry.example/")
+
+
+@pytest.mark.parametrize("overlay", ["base", "cpu-only"])
+@pytest.mark.skipif(shutil.which("kubectl") is None, reason="needs kubectl")
+def test_kubectl_makes_the_same(overlay: str) -> None:
+    """But for the hash in the name of the settings, which follows their content."""
+    command = ["kubectl", "kustomize", str(BASE.parent / overlay)]
+    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    named, hashes = re.subn(r"\bprsnet-settings-[a-z0-9]{10}\b", "prsnet-settings", built.stdout)
+    assert hashes == 2
+    theirs = {document["kind"]: document for document in yaml.safe_load_all(named)}
+    assert theirs == {document["kind"]: document for document in build(BASE.parent / overlay)}
 
 
 def test_the_pod_may_do_no_more_than_it_must() -> None:

@@ -9,10 +9,10 @@ import hashlib
 import hmac
 import json
 import logging
+import os
 from collections import Counter
 from collections.abc import Sequence
 from http import HTTPStatus
-from uuid import uuid4
 
 from app import problems
 from app.http.metrics import Metrics
@@ -26,11 +26,36 @@ from app.workers.pool import WorkerPool
 logger = logging.getLogger("prsnet.access")
 
 _GUARDED = (b"/detect", b"/complete", b"/halve", b"/sector", b"/align")
-_KEY, _ID = KEY_HEADER.lower().encode(), HEADER.lower().encode()
+_ID_NAME = HEADER.lower()
+_KEY, _ID = KEY_HEADER.lower().encode(), _ID_NAME.encode()
+_ID_HERE = "(id)"
 _ARRIVING_S = 0.25
 _LOG_EVERY_S = 1.0
 Headers = Sequence[tuple[bytes, bytes]]
 """Names in lower case."""
+
+
+class Refusal:
+    """Why a request is not let in, and what is answered: written once, for only the request's id differs."""
+
+    def __init__(self, problem: ProblemType, field: str) -> None:
+        self.slug, self.status = problem.slug, problem.status
+        fields = {"content-type": problems.MEDIA_TYPE, **{name.lower(): value for name, value in SECURITY.items()}}
+        lines = [f"HTTP/1.1 {problem.status} {HTTPStatus(problem.status).phrase}", field]
+        self._head = "\r\n".join([*lines, *(f"{name}: {value}" for name, value in fields.items())])
+        self._content = json.dumps(problems.body(problem, problem.example, _ID_HERE)).split(_ID_HERE)
+
+    def answer(self, request_id: str, *, keep: bool) -> bytes:
+        """All of it; ``keep``: the connection stays open."""
+        content = request_id.join(self._content)
+        end = "\r\n\r\n" if keep else "\r\nconnection: close\r\n\r\n"
+        length = f"content-length: {len(content)}"  # in bytes: JSON is ASCII, and so are the ids that are let through
+        return f"{self._head}\r\n{_ID_NAME}: {request_id}\r\n{length}{end}{content}".encode()
+
+
+_UNAUTHORIZED = Refusal(problems.UNAUTHORIZED, "www-authenticate: Bearer")
+_OVERLOADED = Refusal(problems.OVERLOADED, "retry-after: 1")
+_UPLOADS_FULL = Refusal(problems.UPLOADS_FULL, "retry-after: 1")
 
 
 class Arrival:
@@ -94,19 +119,33 @@ class Gate:
         """Whether a request asks for work."""
         return method == b"POST" and path.endswith(_GUARDED)
 
-    def refusal(self, method: bytes, path: bytes, headers: Headers, peer: str) -> bytes | None:
-        """The whole answer to a request for work that is not let in; None where the framework shall answer."""
+    def refusal(self, method: bytes, path: bytes, headers: Headers, peer: str) -> Refusal | None:
+        """Why a request for work is not let in; None where the framework shall answer."""
         if not self.guards(method, path):
             return None
         if self._pool.card is None or (self._settings.cors_origins and any(name == b"origin" for name, _ in headers)):
             return None  # it knows better how to say it
         if not self.knows(headers):
-            return self._answer(path, headers, problems.UNAUTHORIZED, "www-authenticate: Bearer")
+            return _UNAUTHORIZED
         if not self._pool.places.has_room(self.client(headers, peer), self.arriving):
-            return self._answer(path, headers, problems.OVERLOADED, "retry-after: 1")
+            return _OVERLOADED
         if not self.slots.has_room(self.address(headers, peer)):
-            return self._answer(path, headers, problems.UPLOADS_FULL, "retry-after: 1")
+            return _UPLOADS_FULL
         return None
+
+    @property
+    def has_reserve(self) -> bool:
+        """Whether so many requests wait that no worker will be idle for the next milliseconds."""
+        return self._pool.admitted - self._pool.running >= self._settings.workers
+
+    def answer(self, refusal: Refusal, path: bytes, headers: Headers, *, keep: bool) -> bytes:
+        """The whole answer to a request that is refused, which is counted; ``keep``: the connection stays open."""
+        claimed = next((value.decode("latin-1") for name, value in headers if name == _ID), "")
+        request_id = claimed if SANE_ID.fullmatch(claimed) else os.urandom(16).hex()
+        route = "/" + path.decode("ascii", "replace").rsplit("/", 1)[-1]
+        self._metrics.observe_request(route, "POST", refusal.status, 0.0, refusal.slug)
+        self._note(refusal.slug)
+        return refusal.answer(request_id, keep=keep)
 
     def _given(self, headers: Headers) -> bytes:
         """The key that a request brings."""
@@ -118,23 +157,6 @@ class Gate:
                 scheme, _, rest = value.partition(b" ")
                 token = rest.strip() if scheme.lower() == b"bearer" else b""
         return given or token
-
-    def _answer(self, path: bytes, headers: Headers, problem: ProblemType, header: str) -> bytes:
-        claimed = next((value.decode("latin-1") for name, value in headers if name == _ID), "")
-        request_id = claimed if SANE_ID.fullmatch(claimed) else uuid4().hex
-        content = json.dumps(problems.body(problem, problem.example, request_id))
-        route = "/" + path.decode("ascii", "replace").rsplit("/", 1)[-1]
-        self._metrics.observe_request(route, "POST", problem.status, 0.0, problem.slug)
-        self._note(problem.slug)
-        lines = [
-            f"HTTP/1.1 {problem.status} {HTTPStatus(problem.status).phrase}",
-            f"content-type: {problems.MEDIA_TYPE}",
-            f"content-length: {len(content)}",
-            f"{HEADER.lower()}: {request_id}",
-            header,
-            *(f"{name.lower()}: {value}" for name, value in SECURITY.items()),
-        ]
-        return ("\r\n".join(lines) + "\r\n\r\n" + content).encode()
 
     def _note(self, slug: str) -> None:
         """One line of the log a second for all that were refused: a line each would cost more than the refusal."""

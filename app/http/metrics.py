@@ -46,14 +46,24 @@ class Metrics:
             "prsnet_model_info", "The model that is served.", ["name", "version", "sha256"], registry=own
         )
         ProcessCollector(registry=self.registry)
+        self._of: dict[tuple[str, str, int, str], tuple[Counter, Histogram, Counter | None]] = {}
 
     def observe_request(self, path: str, method: str, status: int, seconds: float, reason: str) -> None:
         """Count a request that has been answered; ``reason`` is the type of its problem, or empty."""
         route = path if path in _ROUTES else "/static" if path.startswith("/static/") else "other"
-        self._requests.labels(route, method if method in _METHODS else "other", str(status)).inc()
-        self._seconds.labels(route).observe(seconds)
-        if reason:
-            self._rejections.labels(reason).inc()
+        key = route, method if method in _METHODS else "other", status, reason
+        found = self._of.get(key)
+        if found is None:  # to find them by their labels costs more than to count
+            found = self._of[key] = (
+                self._requests.labels(route, key[1], str(status)),
+                self._seconds.labels(route),
+                self._rejections.labels(reason) if reason else None,
+            )
+        requests, all_seconds, rejections = found
+        requests.inc()
+        all_seconds.observe(seconds)
+        if rejections is not None:
+            rejections.inc()
 
     def observe_stages(self, milliseconds: Mapping[str, float]) -> None:
         """Note how long the stages of one request took."""

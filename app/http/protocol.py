@@ -1,8 +1,9 @@
 """uvicorn's HTTP protocol with the limits it lacks: what one connection, and all of an address, may cost the server.
 
 One request at a time is read from a connection; what was sent ahead waits in the kernel. Work that will not be taken is
-refused here (`app.http.gate`), before a request is made of it. An answer that comes before its upload has ended reaches
-clients that send all of it first: the rest is read and thrown away. When connections get scarce, idle ones go first.
+refused here (`app.http.gate`), before a request is made of it, and much of it earlier still (`app.http.door`). An
+answer that comes before its upload has ended reaches clients that send all of it first: the rest is read and thrown
+away. When connections get scarce, idle ones go first.
 """
 
 import asyncio
@@ -80,6 +81,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
         _is_ending = False
         _is_last = False  # no other request will be read
         _left: int | None = None  # of its body, if that is known
+        arrival: Arrival | None = None  # for which it was let in, and which its first request takes the place of
         address = ""
 
         # Connections
@@ -212,6 +214,8 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
             path = httptools.parse_url(self.url).path
             parser: Any = self.parser
             method = parser.get_method()
+            if self.arrival is not None:
+                self.arrival.end()
             refusal = gate.refusal(method, path, self.headers, self.address)
             if refusal is None:
                 super().on_headers_complete()
@@ -223,9 +227,7 @@ def bounded(settings: Settings, gate: Gate) -> type[HttpToolsProtocol]:
             self._is_refused = True
             left = self._left
             keep = parser.should_keep_alive() and self._left is not None and not self.expect_100_continue
-            head, content = refusal.split(_END, 1)
-            head += b"" if keep else b"\r\nconnection: close"
-            self.transport.write(head + _END + content)
+            self.transport.write(gate.answer(refusal, path, self.headers, keep=keep))
             if not keep or left is None or left > settings.max_upload_bytes:
                 self.end()
             else:  # the rest of the body is thrown away, but not for ever

@@ -1,5 +1,6 @@
 """Runs the application under uvicorn: logging, draining before the port closes, a meaningful exit code."""
 
+import asyncio
 import errno
 import logging
 import math
@@ -7,10 +8,13 @@ import signal
 import socket
 import time
 from types import FrameType
+from typing import Any
 
 import uvicorn
 
 from app import logs
+from app.http.door import Door, listen
+from app.http.gate import Arrival
 from app.http.main import create_app
 from app.http.protocol import bounded
 from app.http.runtime import Runtime
@@ -48,31 +52,45 @@ class DrainingServer(uvicorn.Server):
         return await super().on_tick(counter)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen, and tell where."""
-        await super().startup(sockets)
-        for server in getattr(self, "servers", []):
-            for listening in server.sockets:
-                host, port, *_ = listening.getsockname()
-                host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
-                logger.info("open http://%s:%d in a browser; Ctrl+C ends the service", host, port)
+        """Let in what comes at ``sockets``, and tell where that is."""
+        await super().startup([])
+        settings = self._runtime.settings
+
+        def protocol(arrival: Arrival | None) -> asyncio.BaseProtocol:
+            kind: Any = self.config.http_protocol_class
+            made = kind(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
+            made.arrival = arrival
+            return made
+
+        servers: list[Any] = self.servers
+        servers.append(
+            Door(sockets or [], self._runtime.gate, protocol, settings.stall_s, settings.max_connections // 2)
+        )
+        for listening in sockets or []:
+            host, port, *_ = listening.getsockname()
+            host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
+            logger.info("open http://%s:%d in a browser; Ctrl+C ends the service", host, port)
 
 
 def serve(settings: Settings) -> int:
     """Serve until a signal. The exit code is 0, or 1 when start-up failed."""
     logs.configure(settings)
-    if _is_taken(settings.host, settings.port):
-        logger.error(
-            "port %d of %s is in use: choose another one with --port (PRSNET_PORT), or end what listens there",
-            settings.port,
-            settings.host,
-        )
+    try:
+        sockets = listen(settings.host, settings.port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            logger.error(
+                "port %d of %s is in use: choose another one with --port (PRSNET_PORT), or end what listens there",
+                settings.port,
+                settings.host,
+            )
+        else:
+            logger.error("nothing can listen at port %d of %s: %s", settings.port, settings.host, error.strerror)
         return 1
     app = create_app(settings)
     runtime: Runtime = app.state.runtime
     config = uvicorn.Config(
         app,
-        host=settings.host,
-        port=settings.port,
         log_config=None,
         access_log=False,  # the middleware logs one line a request, with its id
         server_header=False,
@@ -90,15 +108,5 @@ def serve(settings: Settings) -> int:
         server.should_exit = True
 
     runtime.on_failure = give_up
-    server.run()
+    server.run(sockets)
     return 1 if failures else 0
-
-
-def _is_taken(host: str, port: int) -> bool:
-    """Whether another program listens there; whatever else is wrong with an address shows when the service listens."""
-    try:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        socket.create_server((host, port), family=family).close()
-    except OSError as error:
-        return error.errno == errno.EADDRINUSE
-    return False

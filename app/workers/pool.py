@@ -18,8 +18,9 @@ from app.settings import Settings
 from app.workers import sandbox, verify, wire
 from app.workers.errors import DefectError, OutOfMemoryError, TookTooLongError, WorkerLostError
 from app.workers.turns import Places, Turns
-from app.workers.wire import Job, SandboxLimits
+from app.workers.wire import Job
 from app.workers.zygote_client import Card, Launch, StartError, Worker, ZygoteClient
+from app.workers.zygotes import Zygotes
 
 logger = logging.getLogger("prsnet")
 _SHARE = 0.75  # of all places one client may have, unless a setting says how many
@@ -43,14 +44,15 @@ class WorkerPool:
         # Where workers are replaced all the time, each that works has another one ready to follow it.
         self._spare = 1 if settings.isolation == "none" else settings.workers
         self._jobs = 1 if settings.isolation == "request" else settings.worker_jobs
-        self._launch = launch
-        self._factory: ZygoteClient | None = None
+        self._zygotes = Zygotes(settings, launch)
+        self._zygotes.on_worker_end, self._zygotes.on_end = self._on_worker_end, self._on_zygote_end
+        self._retiring: set[ZygoteClient] = set()
+        self._is_exchanging = False
         self._turns = Turns(settings.workers)
         self._idle: list[Worker] = []
         self._live: set[Worker] = set()
         self._arrival = asyncio.Event()
         self._background_tasks: set[asyncio.Task[None]] = set()
-        self._revival = asyncio.Lock()
         self._closed = False
         self._renewed, self._is_renewing = -_RENEW_S, False
         self.card: Card | None = None
@@ -78,15 +80,16 @@ class WorkerPool:
                 f"system calls cannot be filtered here ({platform.system()} on {platform.machine()}); "
                 "PRSNET_SANDBOX=false serves without"
             )
-        factory = self._factory = self._new_zygote()
-        self.card = await factory.start()
+        self.card = await self._zygotes.start()
         if self.card.threads > 1:
             logger.warning("workers are forked from a process with %d threads", self.card.threads)
         try:
-            for worker in await asyncio.gather(*[factory.spawn() for _ in range(self.settings.workers + self._spare)]):
+            first = [self._zygotes.spawn() for _ in range(self.settings.workers + self._spare)]
+            for worker in await asyncio.gather(*first):
                 self._welcome(worker)
         except (*_LOST, TimeoutError, wire.WireError) as error:
             raise StartError(f"no worker starts: {error!r}") from error
+        self._zygotes.forks = 0
         self._begin(self._watch())
         return self.card
 
@@ -101,6 +104,8 @@ class WorkerPool:
                         self._discard(worker, "lost")
                 elif worker.is_stopped():
                     worker.end()
+            if self._zygotes.is_aged and not self._is_exchanging:
+                self._begin(self._exchange_zygote())
 
     def admit(self, client: str = "") -> AbstractContextManager[None]:
         """Admit a request; its place is free again as soon as the context ends.
@@ -158,9 +163,9 @@ class WorkerPool:
             worker.kill()
         self._live.clear()
         self._idle.clear()
-        if self._factory is not None:
-            factory, self._factory = self._factory, None
-            await factory.close()
+        for zygote in self._retiring:
+            await zygote.close()
+        await self._zygotes.close()
 
     async def _run_job(self, worker: Worker, job: Job, data: bytes | int) -> verify.Answer:
         """One try. The worker is returned only if its answer was complete; otherwise it is killed."""
@@ -277,8 +282,8 @@ class WorkerPool:
 
     def _give_back(self, worker: Worker) -> None:
         worker.jobs += 1
-        if worker.jobs >= self._jobs:
-            self._discard(worker, "recycled")
+        if worker.jobs >= self._jobs or worker.origin in self._retiring:
+            self._discard(worker, "recycled" if worker.jobs >= self._jobs else "aged")
         elif worker in self._live:
             self._idle.append(worker)
             self._arrival.set()
@@ -307,8 +312,7 @@ class WorkerPool:
         pause = 0.05
         while not self._closed:
             try:
-                factory = await self._living_factory()
-                self._welcome(await factory.spawn())
+                self._welcome(await self._zygotes.spawn())
                 return
             except (*_LOST, TimeoutError, wire.WireError, StartError) as error:
                 logger.error("no new worker: %r; trying again", error)
@@ -327,50 +331,59 @@ class WorkerPool:
     async def _renew_zygote(self, pause: float) -> None:
         await asyncio.sleep(max(pause, 0.0))
         self._is_renewing, self._renewed = False, asyncio.get_running_loop().time()
-        async with self._revival:
-            factory = self._new_zygote()
-            try:
-                card = await factory.start()
-            except StartError as error:
-                logger.error("no new process to fork workers from: %s", error)
-                card = None
-            if card != self.card or self._closed:
-                await factory.close()
-                return
-            former, self._factory = self._factory, factory
-            if former is not None:
-                await former.close()
+        former = await self._zygotes.succeed()
+        if former is None:
+            return
+        await former.close()
         for worker in list(self._idle):
             self._idle.remove(worker)
             self._discard(worker, "renewed")
 
+    async def _exchange_zygote(self) -> None:
+        """Have all workers forked from a new process, one after the other, while the old ones go on serving."""
+        self._is_exchanging = True
+        try:
+            former = await self._zygotes.succeed()
+            if former is None:
+                return
+            former.on_end = lambda: None
+            self._retiring.add(former)
+            await self._exchange_idle(former)
+            self._zygotes.forks = 0
+            while any(worker.origin is former for worker in self._live):
+                await asyncio.sleep(_WATCH_S)
+            await former.close()
+            self._retiring.discard(former)
+        finally:
+            self._is_exchanging = False
+
+    async def _exchange_idle(self, former: ZygoteClient) -> None:
+        """Replace the idle workers of a former process, each when another one is there; those at work go when done."""
+        for worker in [worker for worker in self._idle if worker.origin is former]:
+            try:
+                fresh = await self._zygotes.spawn()
+            except (*_LOST, TimeoutError, wire.WireError, StartError) as error:
+                logger.error("no new worker: %r", error)
+                fresh = None
+            if worker not in self._idle:
+                if fresh is not None:
+                    fresh.kill()
+                continue
+            self._idle.remove(worker)
+            if fresh is None:
+                self._discard(worker, "aged")
+                continue
+            worker.kill()
+            self._live.discard(worker)
+            self.on_restart("aged")
+            self._welcome(fresh)
+
     async def _revive(self) -> None:
         """Have a zygote again before a worker is lost. If it cannot be had now, `_replace` will go on trying."""
         try:
-            await self._living_factory()
+            await self._zygotes.living()
         except StartError as error:
             logger.error("no new process to fork workers from: %s", error)
-
-    async def _living_factory(self) -> ZygoteClient:
-        async with self._revival:
-            if self._factory is not None and self._factory.alive:
-                return self._factory
-            if self._factory is not None:
-                await self._factory.close()
-            factory = self._factory = self._new_zygote()
-            if await factory.start() != self.card:
-                await factory.close()
-                raise StartError("the weights have changed since the service started")
-            return factory
-
-    def _new_zygote(self) -> ZygoteClient:
-        settings = self.settings
-        factory = ZygoteClient(
-            self._launch, SandboxLimits(settings.worker_memory_bytes, settings.sandbox, settings.worker_nice)
-        )
-        factory.on_worker_end = self._on_worker_end
-        factory.on_end = self._on_zygote_end
-        return factory
 
     def _on_zygote_end(self) -> None:
         """The workers go on, and so does the service; a new zygote is needed before the next one is lost."""

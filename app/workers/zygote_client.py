@@ -62,7 +62,7 @@ def launcher(weights: str) -> Launch:
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env=_environment() | ONE_THREAD | {"PYTHONPATH": path},
-                start_new_session=True,  # a Ctrl-C is the server's to handle
+                process_group=0,  # a Ctrl-C is the server's to handle; in its session, where `nice` counts between them
             )
 
         def end() -> None:
@@ -80,10 +80,11 @@ def _environment() -> dict[str, str]:
 
 @dataclass(eq=False, slots=True)
 class Worker:
-    """One worker process: its id and the socket to it."""
+    """One worker process: its id, the socket to it, and what it was forked by."""
 
     pid: int
     connection: socket.socket
+    origin: "ZygoteClient"
     jobs: int = 0
     tenant: str = ""
     ended: "asyncio.Future[int]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
@@ -206,7 +207,7 @@ class ZygoteClient:
                 kind, payload = await wire.receive(control)
                 if kind == wire.FORKED:
                     connection, future = self._asked.popleft()
-                    worker = self._workers[int(payload)] = Worker(int(payload), connection)
+                    worker = self._workers[int(payload)] = Worker(int(payload), connection, self)
                     if future.cancelled():
                         worker.kill()
                     else:

@@ -73,8 +73,8 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
     plane = frame.plane_to_unit(plane)
     surface = SurfaceIndex(vertices, faces, work=_work(faces))
     samples = reflect(sample_surface(vertices, faces, _SAMPLES, seed=0)[0], plane)
-    error = surface.mean_squared_distance(samples)
-    tolerance = estimate_tolerance(surface, samples)
+    squared = surface.squared_distances(samples)
+    tolerance = estimate_tolerance(np.sqrt(squared))
     part = find_missing(surface, vertices, reflect(vertices, plane), np.ascontiguousarray(faces[:, ::-1]), tolerance)
     joined = join(surface, vertices, faces, part, tolerance)
     area = triangle_areas(vertices[faces]).sum()
@@ -96,7 +96,7 @@ def complete(mesh: Mesh, plane: FloatArray, *, symmetrize: bool = False) -> Comp
         area_added=float(added / area),
         tolerance=tolerance * frame.scale,
         seam_distance=joined.moved * frame.scale,
-        symmetry_error=error,
+        symmetry_error=float(squared.mean()),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from model.completion.missing import MissingRegion
 from model.geometry.surface import SurfaceIndex
+from model.geometry.topology import occurs_once
 from model.meshes.clipping import nondegenerate_mask
 from model.types import AnyArray, FloatArray, IntArray
 
@@ -93,13 +94,11 @@ def join(surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, part: Mis
 def _rim(faces: IntArray) -> _Rim:
     """The edges that belong to one face only."""
     edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    ordered = np.sort(edges, axis=1).astype(np.int64)
-    keys = ordered[:, 0] * (int(faces.max()) + 1) + ordered[:, 1]
-    _, first, count = np.unique(keys, return_index=True, return_counts=True)
+    lower, upper = np.minimum(*edges.T).astype(np.int64), np.maximum(*edges.T).astype(np.int64)
+    once = np.flatnonzero(occurs_once(lower * (int(faces.max()) + 1) + upper))
     rim = _Rim()
-    for place in first[count == 1].tolist():
-        a, b = ordered[place].tolist()
-        rim.faces[a, b] = place // 3
+    for a, b, face in zip(lower[once].tolist(), upper[once].tolist(), (once // 3).tolist(), strict=True):
+        rim.faces[a, b] = face
         rim.neighbours[a].append(b)
         rim.neighbours[b].append(a)
     return rim

@@ -51,6 +51,12 @@ def distinct_faces(merged: IntArray, faces: IntArray) -> BoolArray:
     return np.asarray(_first_equal_rows(corners) == np.arange(len(faces)))
 
 
+def occurs_once(numbers: AnyArray) -> BoolArray:
+    """Which of the numbers ``(n,)`` int64 are equal to no other: ``(n,)``."""
+    first = _first_equal_rows(np.stack([numbers, np.zeros_like(numbers), np.zeros_like(numbers)], axis=1))
+    return np.asarray(np.bincount(first, minlength=len(numbers))[first] == 1)
+
+
 def _first_equal_rows(rows: AnyArray) -> IntArray:
     """For every row ``(n, 3)`` int64 the index of the first one that is equal: ``(n,)``."""
     size = 16

@@ -38,8 +38,9 @@ def clip(vertices: FloatArray, faces: IntArray, inside: BoolArray, crossing: Cro
     # Turn the corners so that the one that is alone on its side comes first.
     alone = np.argmax(inside[cut] == (inside[cut].sum(axis=1) == 1)[:, None], axis=1)
     cut = np.take_along_axis(cut, (alone[:, None] + np.arange(3)) % 3, axis=1)
-    edges = np.sort(np.stack([cut[:, [0, 1]], cut[:, [0, 2]]], axis=1).reshape(-1, 2), axis=1)
-    unique, index = np.unique(edges, axis=0, return_inverse=True)
+    one, other = np.repeat(cut[:, 0], 2).astype(np.int64), cut[:, 1:].reshape(-1)
+    keys, index = np.unique(np.minimum(one, other) * len(vertices) + np.maximum(one, other), return_inverse=True)
+    unique = np.stack([keys // len(vertices), keys % len(vertices)], axis=1)
     swap = ~inside[unique[:, 0]]
     unique[swap] = unique[swap][:, ::-1]
     points = crossing(vertices[unique[:, 0]], vertices[unique[:, 1]]) if len(unique) else np.empty((0, 3))
@@ -59,8 +60,12 @@ def clip(vertices: FloatArray, faces: IntArray, inside: BoolArray, crossing: Cro
 
 def remove_unreferenced_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """The vertices that faces use, the faces over them, and which vertices these were."""
-    used, local = np.unique(faces, return_inverse=True)
-    return vertices[used], np.ascontiguousarray(local.reshape(-1, 3), dtype=np.int32), used.astype(np.int32)
+    is_used = np.zeros(len(vertices), dtype=np.bool_)
+    is_used[faces] = True
+    used = np.flatnonzero(is_used).astype(np.int32)
+    local = np.empty(len(vertices), dtype=np.int32)
+    local[used] = np.arange(len(used), dtype=np.int32)
+    return vertices[used], local[faces], used
 
 
 def nondegenerate_mask(faces: IntArray) -> BoolArray:

@@ -8,7 +8,8 @@ from model.types import BoolArray, FloatArray, IntArray
 def edge_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """``(f, 3)`` lengths of the edges from corner 0 to 1, 1 to 2 and 2 to 0."""
     corners = vertices[faces]
-    return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    along = corners - corners[:, [1, 2, 0]]
+    return np.sqrt(np.einsum("fij,fij->fi", along, along))
 
 
 def subdivide(vertices: FloatArray, faces: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
@@ -27,8 +28,8 @@ def halve_edges(vertices: FloatArray, faces: IntArray, wanted: BoolArray) -> tup
         the vertices with the new ones behind them, the faces ``(g, 3)``, those that stay first and in their order, and
         for each the face it was or is a part of ``(g,)``.
     """
-    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).astype(np.int64), axis=2)
-    keys = edges[..., 0] * len(vertices) + edges[..., 1]
+    following = np.roll(faces, -1, axis=1)
+    keys = np.minimum(faces, following).astype(np.int64) * len(vertices) + np.maximum(faces, following)
     marked = np.unique(keys[wanted])
     ends = np.stack([marked // len(vertices), marked % len(vertices)], axis=1)
     position = np.minimum(np.searchsorted(marked, keys), len(marked) - 1)

@@ -122,7 +122,7 @@ class Verdict:
             return []
         deviations = np.stack([look.deviations for look in looks])[which, index]
         sources, images = points[index], elements.apply(points)[which, index]
-        labels = _clusters(np.concatenate([sources, images]))
+        labels = clusters(np.concatenate([sources, images]))
         ends = np.stack([labels[: len(sources)], labels[len(sources) :]], axis=1)
         left = np.ones(len(sources), dtype=np.bool_)
         patches: list[Patch] = []
@@ -178,7 +178,7 @@ def _on_grid(values: FloatArray, step: float) -> bool:
     return bool((np.abs(cells - np.rint(cells)) < 1e-3).all())
 
 
-def _clusters(points: FloatArray) -> IntArray:
+def clusters(points: FloatArray) -> IntArray:
     """Labels ``(n,)`` of points ``(n, 3)``: those in the same or adjacent cells of a grid have the same."""
     cells = np.floor(points / _CELL).astype(np.int64)
     cells = np.minimum(cells - cells.min(0), _MOST_CELLS) + 1

@@ -193,3 +193,23 @@ def test_a_centroid_at_zero_is_told_as_zero(detector: Detector) -> None:
     center = detector.detect(DATA / "chair.obj").center
     assert center[0] == 0.0
     assert abs(center[1]) > 0.01
+
+
+@pytest.mark.parametrize("far", [1e3, 1e10, 1e50])
+def test_a_vertex_that_no_face_uses_changes_no_answer(detector: Detector, far: float) -> None:
+    triangle = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    alone = detector.detect((np.array(triangle), np.array([[0, 1, 2]])))
+    beside = detector.detect((np.array([*triangle, [far, 0.0, 0.0]]), np.array([[0, 1, 2]])))
+    assert beside.point_group == alone.point_group
+    np.testing.assert_array_equal([it.normal for it in beside.planes], [it.normal for it in alone.planes])
+
+
+def test_directions_keep_their_length_where_coordinates_are_coarse(detector: Detector) -> None:
+    """A box so far out that single precision leaves a third of its size."""
+    corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+                      [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    found = detector.detect((corners + 4e6, faces))
+    assert found.planes
+    for element in (*(plane.normal for plane in found.planes), *(axis.direction for axis in found.axes)):
+        assert np.linalg.norm(element) == pytest.approx(1.0)

@@ -130,16 +130,68 @@ async def test_after_a_crash_workers_come_from_a_new_process(
     monkeypatch.setattr("app.workers.pool._RENEW_S", 1.0)
     async with serving(detector, workers=1) as (client, runtime):
         pool = runtime.pool
-        former = pool._factory
+        former = pool._zygotes.current
         pool._renew()
-        await until(lambda: pool._factory is not former and pool.live == 2)
-        again = pool._factory
+        await until(lambda: pool._zygotes.current is not former and pool.live == 2)
+        again = pool._zygotes.current
         pool._renew()  # a while later, for they are not made all the time
         pool._renew()
         await asyncio.sleep(0.1)
-        assert pool._factory is again
-        await until(lambda: pool._factory is not again and pool.live == 2)
+        assert pool._zygotes.current is again
+        await until(lambda: pool._zygotes.current is not again and pool.live == 2)
         assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
+
+
+async def test_now_and_then_workers_come_from_a_new_process_and_nobody_notices(
+    serving: Serving, detector: FakeDetector, chair: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.workers.pool._WATCH_S", 0.02)
+    files = {"file": ("chair.obj", chair)}
+    reasons = list[str]()
+    async with serving(detector, workers=1, renew_s=0.2, api_keys="ann,bob") as (client, runtime):
+        pool = runtime.pool
+
+        async def ask(key: str) -> int:
+            return (await client.post("/detect", files=files, headers={"X-API-Key": key})).status_code
+
+        await asyncio.sleep(0.5)
+        first, children = pool._zygotes.current, _children()
+        assert reasons == []  # as long as nobody's worker was replaced there is nothing to hide
+        pool.on_restart = reasons.append
+        assert [await ask("ann"), await ask("bob")] == [200, 200]  # one was replaced for another client's sake
+        detector.gate.clear()
+        working = asyncio.create_task(ask("ann"))
+        await until(lambda: len(detector.calls) == 3 and pool._zygotes.current is not first)
+        monkeypatch.setattr("app.workers.zygotes.Zygotes.is_aged", False)  # once will do
+        detector.gate.set()
+        assert await working == 200
+        assert len(detector.calls) == 3  # nothing was tried a second time
+        await until(lambda: not pool._retiring and pool.live == 2)
+        assert set(reasons) == {"client", "aged"}
+        assert len(_children()) == len(children)
+        assert {worker.origin for worker in pool._live} == {pool._zygotes.current}
+        assert await ask("bob") == 200
+
+
+async def test_while_a_new_process_loads_the_old_one_goes_on_forking(
+    serving: Serving, detector: FakeDetector, chair: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loading, loaded = asyncio.Event(), asyncio.Event()
+    async with serving(detector, workers=1, isolation="request") as (client, runtime):
+        start = ZygoteClient.start
+
+        async def slow(self: ZygoteClient) -> Any:
+            loading.set()
+            await loaded.wait()
+            return await start(self)
+
+        monkeypatch.setattr(ZygoteClient, "start", slow)
+        exchange = asyncio.create_task(runtime.pool._exchange_zygote())
+        await loading.wait()
+        for _ in range(4):  # more than there are spare workers
+            assert (await client.post("/detect", files={"file": ("chair.obj", chair)})).status_code == 200
+        loaded.set()
+        await exchange
 
 
 async def test_without_a_filter_for_system_calls_it_does_not_start(

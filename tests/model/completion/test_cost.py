@@ -9,7 +9,7 @@ from model.completion.missing import find_missing
 from model.errors import TooComplexError
 from model.geometry.frames import triangle_areas
 from model.geometry.surface import SurfaceIndex
-from model.geometry.topology import connected_parts
+from model.geometry.topology import connected_parts, occurs_once
 from model.meshes.mesh import Mesh
 
 
@@ -53,11 +53,39 @@ def test_work_grows_with_the_faces_of_fans(spent, normal, symmetrize):
 
 def test_where_the_mesh_is_its_own_mirror_image_nothing_is_measured(spent):
     """Nothing but the samples that tell the error and the tolerance."""
-    few, many = prism(600), prism(6000)
-    complete(few, np.array([0.0, 0.0, 1.0, 0.0]))
-    first = spent()
+    many = prism(6000)
     assert complete(many, np.array([0.0, 0.0, 1.0, 0.0])).faces_kept == len(many.faces)
-    assert spent() - first < 6 * first
+    assert spent() < 18 * len(many.faces)  # by samples alone 6; the sides' diagonals are no mirror images
+
+
+@pytest.mark.parametrize("distance", [1e-4, 0.02, 0.3])
+def test_the_border_is_where_the_distance_is_that_of_the_tolerance(distance, spent):
+    """Between points beyond it and points within it, in few questions, past edges and corners too."""
+    mesh = prism(7)
+    surface = mirroring.SurfaceIndex(mesh.vertices, mesh.faces)
+    chance = np.random.default_rng(0)
+    far = chance.normal(size=(3000, 3))
+    far *= (chance.uniform(2.0, 4.0, (3000, 1))) / np.linalg.norm(far, axis=1, keepdims=True)
+    near = mesh.vertices[mesh.faces[chance.integers(len(mesh.faces), size=3000)]]
+    near = (near * chance.dirichlet(np.ones(3), 3000)[:, :, None]).sum(axis=1)
+    near[:7] = mesh.vertices[:7]
+    work = spent()
+    found = missing._at_distance(surface, far, near, distance)
+    asked = spent() - work
+    assert np.abs(np.sqrt(surface.squared_distances(found)) - distance).max() < 1e-8
+    share = ((found - far) * (near - far)).sum(axis=1) / ((near - far) ** 2).sum(axis=1)
+    assert np.abs(found - (far + share[:, None] * (near - far))).max() < 1e-12
+    assert ((share > 0.0) & (share < 1.0)).all()
+    surface.squared_distances(found)
+    assert asked < 12 * (spent() - work - asked) / 2  # bisection takes 30
+
+
+def test_edges_that_belong_to_one_face_are_told():
+    """Numbers that are equal to no other, collisions of the hash table among them."""
+    numbers = np.random.default_rng(1).integers(0, 3000, 5000)
+    values, counts = np.unique(numbers, return_counts=True)
+    np.testing.assert_array_equal(occurs_once(numbers), np.isin(numbers, values[counts == 1]))
+    assert occurs_once(np.empty(0, dtype=np.int64)).shape == (0,)
 
 
 def test_a_face_that_lacks_its_mirror_image_is_found_among_thousands_that_have_it():
