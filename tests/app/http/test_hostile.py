@@ -48,7 +48,8 @@ async def test_every_hostile_file_gets_a_clear_answer(
 async def test_memory_is_bounded_and_the_worker_replaced(
     serving: Serving, detector: FakeDetector, chair: bytes, assert_problem: Any
 ) -> None:
-    text = b"[" + b"{}," * 12_000_000 + b"{}]"  # as Python objects, thirty times its size
+    # As Python objects, thirty times its size.
+    text = b'{"asset": {"version": "2.0"}, "extras": [' + b"{}," * 12_000_000 + b"{}]}"
     lost: list[str] = []
     async with serving(detector, worker_memory_bytes=256 << 20) as (client, runtime):
         runtime.pool.on_restart = lost.append

@@ -29,7 +29,7 @@ def groups(count: int, honest: bool) -> list[Group]:
 
 
 def test_a_known_probability_is_learned() -> None:
-    record = calibrate(groups(3000, honest=True))["measured"]
+    record = calibrate(groups(6000, honest=True))["measured"]
     assert record["error"] < 0.05
     assert record["brier"] < 0.2
     assert sum(each["count"] for each in record["reliability"]) == record["checked"]
