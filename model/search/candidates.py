@@ -24,7 +24,7 @@ fit exactly and the others count as missing."""
 _COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
 _START_ANGLE = float(np.deg2rad(2.0))
-_MOST_STARTS, _CLOSE_STEPS, _CLOSE_SCALE = 48, 6, 0.03
+_MOST_STARTS, _CLOSE_STEPS, _CLOSE_SCALE = 24, 4, 0.03
 _UNPROMISING, _POOR = 2.5, 1.5
 """Candidates are dropped that map the voxels so badly (squared voxels), or whose truncated error exceeds the threshold
 so many times after a few steps."""
