@@ -8,11 +8,11 @@ from app.schemas import Matrix, MeshInfo, Schema, Timings, Vector
 
 COMPLETION, HALF, SECTOR = "PRSNet-Completion", "PRSNet-Half", "PRSNet-Sector"
 ALIGNMENT = "PRSNet-Alignment"
+"""The headers that say what `/complete`, `/halve`, `/sector` and `/align` did."""
 
 _CALCULIX = "Lines for an input file of CalculiX."
 _FREECAD = "The same for FreeCAD's Python console."
 _WARNINGS = "What was left out or guessed when the file was read, and whether the plane is predicted."
-"""The headers that say what `/complete`, `/halve`, `/sector` and `/align` did."""
 
 
 class MirrorPlane(Schema):

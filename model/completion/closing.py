@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.completion.half_space import capped_half_space
-from model.completion.lids import view_from_below
+from model.completion.lids import counted_edges, view_from_below
 from model.completion.outlines import overlapping_outlines
 from model.errors import DegenerateMeshError
 from model.geometry.topology import connected_parts
@@ -81,11 +81,10 @@ def _cut(
 
 def _outline(vertices: FloatArray, faces: IntArray, cut: FloatArray, rounding: float) -> FloatArray:
     """Edges ``(e, 2, 2)`` around the lid in a cut, as seen along it."""
-    lying = faces[(np.abs(vertices @ cut[:3] + cut[3]) <= 4.0 * rounding)[faces].all(axis=1)].astype(np.int64)
-    edges = np.sort(np.concatenate([lying[:, [0, 1]], lying[:, [1, 2]], lying[:, [2, 0]]]), axis=1)
-    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    lying = (np.abs(vertices @ cut[:3] + cut[3]) <= 4.0 * rounding)[faces].all(axis=1)
+    edges, counts = counted_edges(faces[lying])
     flat = vertices @ view_from_below(cut[:3])
-    return flat[unique[counts == 1]].reshape(-1, 2, 2)
+    return flat[edges[counts == 1]].reshape(-1, 2, 2)
 
 
 def _groups(vertices: FloatArray, faces: IntArray, cuts: FloatArray) -> list[BoolArray]:

@@ -69,10 +69,20 @@ def lid(vertices: FloatArray, faces: IntArray, plane: FloatArray, rounding: floa
 
 def _outline_edges(faces: IntArray, on_plane: AnyArray) -> AnyArray:
     """Edges ``(e, 2)`` within the plane that an odd number of faces have."""
+    edges, counts = counted_edges(faces, on_plane)
+    return edges[counts % 2 == 1]
+
+
+def counted_edges(faces: AnyArray, among: AnyArray | None = None) -> tuple[AnyArray, AnyArray]:
+    """Edges ``(e, 2)`` of faces ``(f, 3)``, each once with its lower vertex first, and how many faces have it ``(e,)``.
+
+    ``among``: which vertices both ends have to be of.
+    """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    edges = np.sort(edges[on_plane[edges].all(axis=1)], axis=1)
-    unique, counts = np.unique(edges, axis=0, return_counts=True)
-    return unique[counts % 2 == 1].reshape(-1, 2)
+    if among is not None:
+        edges = edges[among[edges].all(axis=1)]
+    unique, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    return unique.reshape(-1, 2), counts
 
 
 def _seen_from_below(points: FloatArray, normal: FloatArray) -> FloatArray:
@@ -194,9 +204,8 @@ def _triangulated(flat: FloatArray, region: _Region) -> AnyArray:
 
 def _covers(flat: FloatArray, triangles: AnyArray, edges: AnyArray, regions: list[_Region]) -> bool:
     """Whether triangles have each edge of the outlines once, all others twice, and the area that is enclosed."""
-    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    unique, counts = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-    single = unique[counts == 1]
+    sides, counts = counted_edges(triangles)
+    single = sides[counts == 1]
     if (counts > 2).any() or len(single) != len(edges) or (single != np.unique(edges, axis=0)).any():
         return False
     rings = [ring for region in regions for ring in region.rings]

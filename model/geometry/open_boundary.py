@@ -48,15 +48,18 @@ class OpenBoundary:
     def __init__(
         self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, first: IntArray, edges: EdgeTable
     ) -> None:
-        self._surface, self._faces, self._first = surface, faces, first
+        self._surface = surface
         self._edges = edges.open
-        self.is_empty = not self._edges.any()
+        self._rims = _rims(self._edges, faces, first)
+        self.is_empty = not len(self._rims)
         self.one_sidedness = 0.0
         if self.is_empty:
             return
         self.one_sidedness = _mean_normal(vertices, faces)
         self._normals = face_normals(surface.tree.vertices, faces)
-        self._ends = _open_corners(self._edges, faces, first)
+        is_end = np.zeros(len(first), dtype=np.bool_)
+        is_end[self._rims] = True
+        self._ends: BoolArray = is_end[first]  # of vertices at one place all are
 
     @cached_property
     def raggedness(self) -> float:
@@ -67,11 +70,10 @@ class OpenBoundary:
         """
         if self.is_empty:
             return 0.0
-        at = np.nonzero(self._edges)
-        ends = self._first[np.stack([self._faces[at], self._faces[at[0], (at[1] + 1) % 3]], 1)].astype(np.int64)
+        ends = self._rims
         # Of a corner where two open edges meet, the far end of the other one is known from the sum of both.
-        count = np.bincount(ends.ravel(), minlength=len(self._first))
-        total = np.bincount(ends.ravel(), ends[:, ::-1].ravel(), minlength=len(self._first)).astype(np.int64)
+        count = np.bincount(ends.ravel())
+        total = np.bincount(ends.ravel(), ends[:, ::-1].ravel()).astype(np.int64)
         simple = (count[ends] == 2).all(1)
         ends, every = ends[simple], self._lengths(ends).sum()
         before, behind = (total[ends[:, k]] - ends[:, 1 - k] for k in range(2))
@@ -131,12 +133,10 @@ class OpenBoundary:
         return squared, missing
 
 
-def _open_corners(edges: BoolArray, faces: IntArray, first: IntArray) -> BoolArray:
-    """Which vertices are an end of an open edge, ``(v,)``; of vertices at one place all are."""
-    result = np.zeros(len(first), dtype=np.bool_)
-    for k in range(3):
-        result[first[faces[edges[:, k]][:, [k, (k + 1) % 3]].ravel()]] = True
-    return result[first]
+def _rims(edges: BoolArray, faces: IntArray, first: IntArray) -> AnyArray:
+    """The ends of open edges, ``(e, 2)`` int64: of vertices at one place the first."""
+    face, side = np.nonzero(edges)
+    return first[np.stack([faces[face, side], faces[face, (side + 1) % 3]], axis=1)].astype(np.int64)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

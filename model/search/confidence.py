@@ -30,6 +30,8 @@ _ROUNDING = -3.0
 """Logarithm of the RMS deviation that rounding of coordinates leaves, as a part of the threshold: less is chance, and
 says no more."""
 
+_ROUNDED = 10.0**_ROUNDING
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
@@ -90,8 +92,8 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
     rounding = settings.file_precision**2
     sharpness = np.log10(np.maximum(beside, rounding) / np.maximum(own, rounding)).min()
     return Evidence(
-        deviation=_logarithm(level.rms / limit),
-        median=_logarithm(float(np.sqrt(np.median(there))) / limit if len(there) else 1.0),
+        deviation=_logarithm(level.rms / limit, _ROUNDED),
+        median=_logarithm(float(np.sqrt(np.median(there))) / limit if len(there) else 1.0, _ROUNDED),
         missing=float(found.missing_share.mean()),
         unsupported=float(found.missing.all(0).mean()),
         uncovered=1.0 - float(found.coverage(settings.fit_distance).min()),
@@ -101,7 +103,7 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
         size=min(float(np.log2(max(level.group.size, 1.0))), _LARGEST),
         network=_from_network(level, network),
         one_sided=context.meter.one_sidedness,
-        ragged=float(np.log10(max(context.meter.raggedness, _STRAIGHT))),
+        ragged=_logarithm(context.meter.raggedness, _STRAIGHT),
         open=float(not context.meter.closed),
     )
 
@@ -124,7 +126,7 @@ def confidence(context: SearchContext, level: Hypothesis, network: NetworkOutput
 
 def is_certain(context: SearchContext, level: Hypothesis) -> bool:
     """Whether a level holds everywhere on the surface as it is, to rounding: no evidence is looked for."""
-    return level.coverage == 1.0 and _logarithm(level.rms / context.limit) <= _ROUNDING
+    return level.coverage == 1.0 and _logarithm(level.rms / context.limit, _ROUNDED) <= _ROUNDING
 
 
 def predict(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
@@ -173,8 +175,8 @@ def learned(kind: EvidenceKind, names: tuple[str, ...]) -> Learned:
     return Learned(np.array(record[kind]["coefficients"]), np.array(record[kind]["means"]))
 
 
-def _logarithm(part: float) -> float:
-    return float(np.log10(max(part, 10.0**_ROUNDING)))
+def _logarithm(part: float, least: float) -> float:
+    return float(np.log10(max(part, least)))
 
 
 def _from_network(level: Hypothesis, network: NetworkOutput | None) -> float:

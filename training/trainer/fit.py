@@ -113,7 +113,7 @@ def fit(
     """
     world = join(device)
 
-    def train() -> Path:
+    def train() -> Path:  # of which nothing may be left when the group of processes is closed
         trainer = _Trainer(recipe, prepared, Path(run), start, world, precision, on_derive, on_message)
         return trainer.train(log_every, validate_every, max_seconds, on_progress, writer)
 
