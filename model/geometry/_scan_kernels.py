@@ -2,9 +2,19 @@
 
 import numpy as np
 
-from model._jit import jit, jit_allocating
+from model._jit import jit, jit_allocating, jit_inlined
 from model.geometry._operation_kernels import advance, linear_part
 from model.types import AnyArray, ByteArray, FloatArray
+
+
+@jit_inlined
+def _squared_at(squared: ByteArray, side: np.int32, x: float, y: float, z: float) -> int:
+    """Of the cell that a place is in; beyond the padding everything is as far as on its rim."""
+    zero, last = np.int32(0), np.int32(side - 1)
+    a = min(max(np.int32(x), zero), last)
+    b = min(max(np.int32(y), zero), last)
+    c = min(max(np.int32(z), zero), last)
+    return squared[(a * side + b) * side + c]
 
 
 @jit
@@ -23,7 +33,7 @@ def scan(
     and the points in columns are for the vector unit: three times faster than without.
     """
     cx, cy, cz = centre[0], centre[1], centre[2]
-    zero, last, side = np.int32(0), np.int32(size - 1), np.int32(size)
+    side = np.int32(size)
     count = points.shape[1]
     for k in range(normals.shape[0]):
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
@@ -32,15 +42,8 @@ def scan(
             x, y, z = points[0, i] - cx, points[1, i] - cy, points[2, i] - cz
             twice = 2.0 * (x * nx + y * ny + z * nz)
             x, y, z = x - twice * nx, y - twice * ny, z - twice * nz
-            # Beyond the padding everything is as far as on its rim.
-            a = min(max(np.int32(cx + x), zero), last)
-            b = min(max(np.int32(cy + y), zero), last)
-            c = min(max(np.int32(cz + z), zero), last)
-            total_mirrored += squared[(a * side + b) * side + c]
-            a = min(max(np.int32(cx - x), zero), last)
-            b = min(max(np.int32(cy - y), zero), last)
-            c = min(max(np.int32(cz - z), zero), last)
-            total_turned += squared[(a * side + b) * side + c]
+            total_mirrored += _squared_at(squared, side, cx + x, cy + y, cz + z)
+            total_turned += _squared_at(squared, side, cx - x, cy - y, cz - z)
         mirrored[k] = total_mirrored / count
         turned[k] = total_turned / count
 
@@ -50,7 +53,7 @@ def scan_planes(
     normals: FloatArray, offsets: FloatArray, points: FloatArray, squared: ByteArray, size: int, result: FloatArray
 ) -> None:
     """``result`` ``(m, k)`` of mirror planes with normals ``(k, 3)`` at offsets ``(m, k)``; otherwise as `scan`."""
-    zero, last, side = np.int32(0), np.int32(size - 1), np.int32(size)
+    side = np.int32(size)
     count = points.shape[1]
     for m in range(offsets.shape[0]):
         for k in range(normals.shape[0]):
@@ -59,10 +62,7 @@ def scan_planes(
             for i in range(count):
                 x, y, z = points[0, i], points[1, i], points[2, i]
                 twice = 2.0 * (x * nx + y * ny + z * nz + offset)
-                a = min(max(np.int32(x - twice * nx), zero), last)
-                b = min(max(np.int32(y - twice * ny), zero), last)
-                c = min(max(np.int32(z - twice * nz), zero), last)
-                total += squared[(a * side + b) * side + c]
+                total += _squared_at(squared, side, x - twice * nx, y - twice * ny, z - twice * nz)
             result[m, k] = total / count
 
 
