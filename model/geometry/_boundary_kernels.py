@@ -16,6 +16,10 @@ from model.types import BoolArray, FloatArray, IntArray
 MOST_UNSEEN = 200
 """So many unseen places that other operations led to are compared with."""
 
+SEEN, BEYOND, BEHIND = 0, 1, 2
+"""Whether what a sample should meet at its image was seen, or why not: it lies beyond an open edge, or behind the near
+side of what is there."""
+
 
 @jit_allocating
 def find_missing(
@@ -36,9 +40,9 @@ def find_missing(
     open_vertex: BoolArray,
     tree: Tree,
     squared: FloatArray,
-    missing: BoolArray,
+    unseen: IntArray,
 ) -> None:
-    """Fill ``squared`` ``(k, n)`` with squared distances of all images, and ``missing`` ``(k, n)``.
+    """Fill ``squared`` ``(k, n)`` with squared distances of all images, and ``unseen`` ``(k, n)``: `SEEN` or why not.
 
     Lengths come as they are compared: ``near``, ``plausible``, ``on_edge`` and ``closed`` squared.
     """
@@ -66,7 +70,7 @@ def find_missing(
             fitting += squared[k, i] <= plausible
         believed[k] = fitting >= needed
         for i in range(squared.shape[1]):
-            missing[k, i] = False
+            unseen[k, i] = SEEN
             if not believed[k] or squared[k, i] <= near:
                 continue
             lane = lanes[i]
@@ -83,7 +87,7 @@ def find_missing(
                 facing += turned[a] * normals[owner, a]
             distance = np.sqrt(squared[k, i])
             if height < -0.5 * distance and (one_sided or facing < 0.5):
-                missing[k, i] = True
+                unseen[k, i] = BEHIND
                 continue
             length = 0.0
             for a in range(3):
@@ -96,7 +100,7 @@ def find_missing(
                 continue
             for a in range(3):
                 outward[a] /= max(length, 1e-300)
-            missing[k, i] = not _goes_on(
+            if not _goes_on(
                 place,
                 outward,
                 normals[owner],
@@ -106,12 +110,13 @@ def find_missing(
                 turned,
                 tree,
                 paper,
-            )
-    _spread(images, squared, near, believed, missing)
+            ):
+                unseen[k, i] = BEYOND
+    _spread(images, squared, near, believed, unseen)
 
 
 @jit_allocating
-def _spread(images: FloatArray, squared: FloatArray, near: float, believed: BoolArray, missing: BoolArray) -> None:
+def _spread(images: FloatArray, squared: FloatArray, near: float, believed: BoolArray, unseen: IntArray) -> None:
     """What lies nearer to a place that nobody saw than to any surface was not seen either.
 
     From deep within a hole the nearest surface may be another one than its rim. The unseen places are the same for all
@@ -120,15 +125,16 @@ def _spread(images: FloatArray, squared: FloatArray, near: float, believed: Bool
     count, samples = 0, squared.shape[1]
     for k in range(squared.shape[0]):
         for i in range(samples):
-            count += believed[k] and missing[k, i]
+            count += believed[k] and unseen[k, i] != SEEN
     stride = max(1, -(-count // MOST_UNSEEN))
-    unseen = np.empty((-(-count // stride), 3))
+    places, reasons = np.empty((-(-count // stride), 3)), np.empty(-(-count // stride), dtype=np.int8)
     count = 0
     for k in range(squared.shape[0]):
         for i in range(samples):
-            if believed[k] and missing[k, i]:
+            if believed[k] and unseen[k, i] != SEEN:
                 if count % stride == 0:
-                    unseen[count // stride] = images[k, i]
+                    places[count // stride] = images[k, i]
+                    reasons[count // stride] = unseen[k, i]
                 count += 1
     reached = np.empty(samples, dtype=np.int32)
     for k in range(squared.shape[0]):
@@ -136,35 +142,37 @@ def _spread(images: FloatArray, squared: FloatArray, near: float, believed: Bool
             continue
         top = 0
         for i in range(samples):
-            if missing[k, i]:
+            if unseen[k, i] != SEEN:
                 reached[top] = i
                 top += 1
-        for place in range(unseen.shape[0]):
-            top = _reach(unseen[place], images[k], squared[k], near, missing[k], reached, top)
+        for place in range(len(places)):
+            top = _reach(places[place], reasons[place], images[k], squared[k], near, unseen[k], reached, top)
         while top > 0:
             place = reached[top - 1]
-            top = _reach(images[k, place], images[k], squared[k], near, missing[k], reached, top - 1)
+            reason = unseen[k, place]
+            top = _reach(images[k, place], reason, images[k], squared[k], near, unseen[k], reached, top - 1)
 
 
 @jit
 def _reach(
     place: FloatArray,
+    reason: int,
     images: FloatArray,
     squared: FloatArray,
     near: float,
-    missing: BoolArray,
+    unseen: IntArray,
     reached: IntArray,
     top: int,
 ) -> int:
     """Mark images that are nearer to a place than to the surface, and note them: how many are noted then."""
-    for i in range(missing.shape[0]):
-        if missing[i] or squared[i] <= near:
+    for i in range(unseen.shape[0]):
+        if unseen[i] != SEEN or squared[i] <= near:
             continue
         gap = 0.0
         for a in range(3):
             gap += (images[i, a] - place[a]) * (images[i, a] - place[a])
         if gap < squared[i]:
-            missing[i] = True
+            unseen[i] = reason
             reached[top] = i
             top += 1
     return top

@@ -91,8 +91,10 @@ class OpenBoundary:
 
     def distances(
         self, points: FloatArray, normals: FloatArray, operations: Operations, near: float
-    ) -> tuple[FloatArray, BoolArray]:
-        """Squared distances of images from the surface, and which of them lie where it was not seen: ``(k, n)`` both.
+    ) -> tuple[FloatArray, IntArray]:
+        """Squared distances of images from the surface, and why it was not seen where they lie: ``(k, n)`` both.
+
+        `SEEN`, if it was; the others are in `model.geometry._boundary_kernels`.
 
         Either the closest point of the surface is on an open edge, and the way there runs along the surface or
         behind it, not away from it. Or the image is behind the closest face, and looks another way: the other side of
@@ -107,7 +109,7 @@ class OpenBoundary:
         """
         surface = self._surface
         squared = np.empty((len(operations), len(points)))
-        missing = np.zeros(squared.shape, dtype=np.bool_)
+        unseen = np.zeros(squared.shape, dtype=np.int8)
         linear = linear_parts(surface.to_tree(operations.directions), operations.angles, operations.improper)
         _kernels.find_missing(
             surface.to_tree(points),
@@ -127,10 +129,10 @@ class OpenBoundary:
             self._ends,
             surface.tree,
             squared,
-            missing,
+            unseen,
         )
         surface.require_work()
-        return squared, missing
+        return squared, unseen
 
 
 def _rims(edges: BoolArray, faces: IntArray, first: IntArray) -> AnyArray:

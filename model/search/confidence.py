@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from model.geometry._boundary_kernels import BEHIND
 from model.network.output import NetworkOutput
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
@@ -22,7 +23,7 @@ from model.types import FloatArray
 
 _MOST_OPERATIONS, _STRIDE, _BESIDE_STRIDE = 3, 2, 4
 _FARTHEST = float(np.deg2rad(45.0))
-_SHARPEST, _LARGEST = 3.0, 6.0
+_SHARPEST, _LARGEST, _FARTHEST_OFF = 3.0, 6.0, 1.5
 _STRAIGHT = 0.003
 """Rims of which no larger a share zigzags are as somebody drew them."""
 
@@ -46,7 +47,9 @@ class Evidence:
     logarithm (base 2) of the number of members. ``network``: largest angle between an element measured and the
     nearest proposal of the network, as a part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the
     mean normal of an open surface. ``ragged``: logarithm of the share of its rims that zigzags, as where something
-    was torn off. ``open``: 1 if there are open edges, else 0: with the products of the others it makes two
+    was torn off. ``as_is``: like ``deviation``, as if nothing were missing, which decides where nothing is. ``behind``:
+    share of the surface whose counterpart was not seen because it lies behind the near side of what is there, not
+    beyond an edge. ``open``: 1 if there are open edges, else 0: with the products of the others it makes two
     regressions of one.
     """
 
@@ -62,6 +65,8 @@ class Evidence:
     network: float
     one_sided: float
     ragged: float
+    as_is: float
+    behind: float
     open: float
 
 
@@ -104,6 +109,8 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
         network=_from_network(level, network),
         one_sided=context.meter.one_sidedness,
         ragged=_logarithm(context.meter.raggedness, _STRAIGHT),
+        as_is=min(_logarithm(level.as_is / limit, _ROUNDED), _FARTHEST_OFF),
+        behind=float((found.unseen == BEHIND).mean()),
         open=float(not context.meter.closed),
     )
 

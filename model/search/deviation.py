@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model.geometry._boundary_kernels import SEEN
 from model.geometry._morton import morton_order
 from model.geometry.normals import face_normals
 from model.geometry.open_boundary import OpenBoundary
@@ -22,10 +23,15 @@ from model.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviations:
-    """Of k operations on n samples: ``squared`` deviations ``(k, n)`` and where the counterpart is ``missing``."""
+    """Of k operations on n samples: ``squared`` deviations ``(k, n)``, and why the counterpart was ``unseen``."""
 
     squared: FloatArray
-    missing: BoolArray
+    unseen: IntArray
+
+    @property
+    def missing(self) -> BoolArray:
+        """Where the counterpart was not seen, ``(k, n)``."""
+        return self.unseen != SEEN
 
     @property
     def rms(self) -> FloatArray:
@@ -39,6 +45,11 @@ class Deviations:
     def missing_share(self) -> FloatArray:
         """Share of the surface whose counterpart lies beyond an open boundary, ``(k,)``."""
         return self.missing.mean(1)
+
+    @property
+    def as_is(self) -> FloatArray:
+        """RMS deviation over all samples, as if nothing were missing, ``(k,)``."""
+        return np.sqrt(self.squared.mean(1))
 
     def coverage(self, distance: float) -> FloatArray:
         """Share of the surface whose counterpart is there, no farther than ``distance``: ``(k,)``."""
@@ -113,5 +124,5 @@ class DeviationMeter:
         """Deviations of k operations at n samples of the surface."""
         if self.closed:
             squared = squared_distances(self.surface, samples.points, operations)
-            return Deviations(squared, np.zeros(squared.shape, dtype=np.bool_))
+            return Deviations(squared, np.zeros(squared.shape, dtype=np.int8))
         return Deviations(*self._boundary.distances(samples.points, samples.normals, operations, self._near))

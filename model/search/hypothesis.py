@@ -33,14 +33,16 @@ class Hypothesis:
     """A point group with its place in the unit frame, and how well the shape bears it out.
 
     ``frame`` ``(3, 3)``: a proper rotation whose rows are the axes of the group's own frame; ``centre`` ``(3,)``: its
-    fixed point. ``rms``: largest RMS deviation of the operations measured, where a counterpart is there; ``missing``,
-    ``coverage``, ``contradicting``: shares of the surface, the worst over the operations (`model.search.deviation`).
+    fixed point. ``rms``: largest RMS deviation of the operations measured, where a counterpart is there; ``as_is``: as
+    if nothing were missing; ``missing``, ``coverage``, ``contradicting``: shares of the surface, the worst over the
+    operations (`model.search.deviation`).
     """
 
     group: PointGroup
     frame: FloatArray
     centre: FloatArray
     rms: float = 0.0
+    as_is: float = 0.0
     missing: float = 0.0
     coverage: float = 1.0
     contradicting: float = 0.0
@@ -122,6 +124,7 @@ class Hypothesis:
             self.frame,
             self.centre,
             float(deviations.rms.max()),
+            float(deviations.as_is.max()),
             float(deviations.missing_share.max()),
             float(deviations.coverage(distance).min()),
             float(deviations.contradicting(distance).max()),

@@ -136,6 +136,7 @@ def _search(job: _Job) -> list[Group]:
         whole = frame.to_unit(shown.similarity.to_shown(intact.to_unit(mesh.vertices)))
         truth = _Intact(whole, mesh.faces, frame.scale / shown.similarity.scale)
         for level in found.levels:
+            level = level.measured(context, thoroughly=True)  # as an answer is
             seen = astuple(evidence(context, level, network))
             groups.append(Group(job.name, damage, level.name, seen, truth.error(level)))
         for guess in thought:
