@@ -42,7 +42,7 @@ class Evidence:
     rounding aside. ``missing``: share of the surface whose counterpart was not seen, the mean over the operations;
     ``unsupported``: that no operation found. ``uncovered``: share whose counterpart is not there within the
     distance that fits; ``contradicting``: share that is taken off a surface that is there. ``sharpness``: logarithm
-    of how many times worse, squared, the operations are when tilted; ``excused``: share of the surface whose
+    of how many times worse at least, squared, the operations are when tilted; ``excused``: share of the surface whose
     counterpart was not seen then, which is large where open edges are everywhere and excuse anything. ``size``:
     logarithm (base 2) of the number of members. ``network``: largest angle between an element measured and the
     nearest proposal of the network, as a part of 45 degrees; NaN if it was not asked. ``one_sided``: length of the
@@ -92,7 +92,7 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
     beside, excused = np.empty(len(operations)), np.empty(len(operations))
     for k in range(len(operations)):
         aside = context.meter.measure(tilted(operations[[k]], settings.tilt), few)
-        beside[k] = np.median(np.minimum(aside.squared, cut).mean(1))
+        beside[k] = np.minimum(aside.squared, cut).mean(1).min()
         excused[k] = aside.missing_share.mean()
     rounding = settings.file_precision**2
     sharpness = np.log10(np.maximum(beside, rounding) / np.maximum(own, rounding)).min()

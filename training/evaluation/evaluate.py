@@ -152,9 +152,9 @@ def _judge_file(job: _Job) -> dict[str, Any]:
     try:
         mesh = parse(job.source.path.read_bytes(), job.source.path.name)
         frame = UnitFrame.of(mesh.vertices, mesh.faces)
+        truth, group = truth_of(job.source.path, mesh, frame, job.truth)
     except (PRSNetError, OSError) as error:
         return head | {"skipped": str(error)}
-    truth, group = truth_of(job.source.path, mesh, frame, job.truth)
     if options.symmetric and not len(truth.clear_planes()):
         return head | {"skipped": "it has no clear plane"}
     methods = build_all(job.methods, options.max_error)

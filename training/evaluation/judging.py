@@ -235,7 +235,7 @@ class _Judge:
     """Symmetry errors on samples of one surface, in its unit frame."""
 
     def __init__(self, vertices: FloatArray, faces: IntArray, count: int, seed: int) -> None:
-        self.surface = SurfaceIndex(vertices, faces)
+        self.surface = SurfaceIndex(vertices, faces, work=np.inf)
         self.samples, _ = sample_surface(vertices, faces, count, seed=seed)
 
     def plane(self, plane: FloatArray) -> float:

@@ -43,8 +43,8 @@ _LOOK_ALIKE = np.deg2rad(5.0), 0.02
 _HOPELESS = 8e-3
 """A start that is worse than this after the closed-form steps is given up."""
 _LEAST_TURN = np.deg2rad(4.0)
-_TILT = np.deg2rad(10.0)
-_CONTRAST = 2.0
+TILT = np.deg2rad(10.0)
+CONTRAST = 2.0
 """An element is a minimum of its own if tilting it by 10 degrees at least doubles the error."""
 
 
@@ -280,16 +280,16 @@ class Search:
 
     def _plane_contrast(self, row: FloatArray) -> bool:
         """Whether a plane is a minimum of its own: each tilt by 10 degrees at least doubles the error."""
-        around = Planes(np.vstack([row, np.column_stack([tilted(row[:3], _TILT), np.full(8, row[3])])]))
+        around = Planes(np.vstack([row, np.column_stack([tilted(row[:3], TILT), np.full(8, row[3])])]))
         error, *others = self.surface.errors(around.images(self._order))
-        return min(others) >= _CONTRAST * error
+        return min(others) >= CONTRAST * error
 
     def _axis_contrast(self, direction: FloatArray, point: FloatArray, order: int | None) -> bool:
         """The same for an axis."""
         angles = np.tile(self._angles(order, len(self._order), single=True), (9, 1))
-        around = Axes(np.vstack([direction, tilted(direction, _TILT)]), np.tile(point, (9, 1)), angles)
+        around = Axes(np.vstack([direction, tilted(direction, TILT)]), np.tile(point, (9, 1)), angles)
         error, *others = self.surface.errors(around.images(self._order))
-        return min(others) >= _CONTRAST * error
+        return min(others) >= CONTRAST * error
 
 
 def _turning(moves: Candidates, errors: FloatArray) -> tuple[Candidates, FloatArray]:

@@ -25,7 +25,7 @@ def groups(count: int, honest: bool) -> list[Group]:
     seen = rng.normal(size=(count, len(NAMES)))
     chance = 1.0 / (1.0 + np.exp(-2.0 * seen[:, 0])) if honest else np.full(count, 0.5)
     wrong = rng.random(count) > chance
-    return [Group(f"shape{k % 150}", "rotated", "Cs", tuple(seen[k]), float(wrong[k])) for k in range(count)]
+    return [Group(f"shape{k % 150}", "rotated", "Cs", tuple(seen[k]), float(wrong[k]), 9.0) for k in range(count)]
 
 
 def test_a_known_probability_is_learned() -> None:
@@ -67,7 +67,7 @@ def guesses(count: int) -> list[Group]:
     seen = rng.normal(size=(count, len(NAMES) + 2))
     wrong = rng.random(count) > 1.0 / (1.0 + np.exp(-2.0 * seen[:, -1]))
     return [
-        Group(f"shape{k // 3 % 150}", f"damage{k // 450}", "Cs", tuple(seen[k]), float(wrong[k]), "predicted")
+        Group(f"shape{k // 3 % 150}", f"damage{k // 450}", "Cs", tuple(seen[k]), float(wrong[k]), 9.0, "predicted")
         for k in range(count)
     ]
 
