@@ -14,7 +14,7 @@ from model.search.deviation import SurfaceSamples
 from model.search.exactness import ExactnessTest, Verdict
 from model.search.full import Found
 from model.search.hypothesis import Hypothesis
-from model.search.levels import choose
+from model.search.levels import choose, facing_best_plane
 from model.search.prediction import guesses, likeliest
 from model.search.subgroup import exact_part
 from model.symmetries import Candidate, EvidenceKind, FoundAxis, FoundPlane, Level, Symmetries
@@ -72,7 +72,8 @@ def answer(
         choice: of the level.
         network: what the network says, None if it is not to be asked.
     """
-    ladder = _JudgedLadder(context, found.levels, samples, test, network)
+    levels = [facing_best_plane(level, found.candidates, found.rms, context.settings) for level in found.levels]
+    ladder = _JudgedLadder(context, levels, samples, test, network)
     chosen = ladder.chosen(choice)
     result = Symmetries()
     for index, rung in enumerate(ladder.rungs):

@@ -1,6 +1,7 @@
 """Which level of the ladder people mean: the one that needs much more tolerance before anything else holds."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from model.search.axis_order import explains_better, facet_tolerance
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
 from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, frame_of, point_group
+from model.search.settings import SearchSettings
 from model.types import FloatArray
 
 _AS_TOLERANT = 1.02
@@ -16,6 +18,8 @@ _AS_TOLERANT = 1.02
 
 _SAME_ANGLE = float(np.deg2rad(4.0))
 _PARALLEL = float(np.cos(_SAME_ANGLE))
+_A_REFLECTION = 1e-6
+"""Angle of a rotary reflection below which it is none."""
 
 
 def choose(context: SearchContext, levels: Sequence[Hypothesis]) -> int:
@@ -52,6 +56,31 @@ def continuous_levels(context: SearchContext, direction: FloatArray, point: Floa
         levels.append(hypothesis)
         frame, centre = hypothesis.frame, hypothesis.centre
     return levels
+
+
+def facing_best_plane(
+    level: Hypothesis, candidates: Operations, rms: FloatArray, settings: SearchSettings
+) -> Hypothesis:
+    """A group about a continuous axis, turned about it until its first plane is the best of those found through it.
+
+    Which planes stand for all that pass through a continuous axis is a matter of choice: a head with a face is round,
+    and exactly symmetric in one of them.
+
+    Args:
+        level: any group; others than these stay as they are.
+        candidates: k operations that hold somehow.
+        rms: deviations of these ``(k,)``.
+        settings: what counts as the same.
+    """
+    if level.name not in ("Cinfv", "Dinfh"):
+        return level
+    mirrors = candidates.improper & (candidates.angles < _A_REFLECTION)
+    along = np.abs(candidates.directions @ level.axis) < np.sin(settings.same_angle)
+    through = mirrors & along & level.contains(candidates, settings.same_angle, settings.same_distance)
+    if not through.any():
+        return level
+    best = np.flatnonzero(through)[np.argmin(rms[through])]
+    return replace(level, frame=frame_of(level.axis, candidates.directions[best]))
 
 
 def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypothesis) -> bool:
