@@ -12,6 +12,7 @@ from model.geometry.frames import UnitFrame
 from model.geometry.transforms import canonical_sign
 from model.meshes.colors import has_colors
 from model.meshes.mesh import Mesh
+from model.search.settings import DEFAULT
 from model.symmetries import Candidate, FoundAxis, FoundPlane, Patch, Symmetries
 from model.symmetries import Level as FoundLevel
 from model.types import FloatArray
@@ -151,13 +152,23 @@ def _geometric(vector: FloatArray) -> tuple[float, ...]:
 
 
 def _plane_order(plane: Plane) -> tuple[object, ...]:
-    return (not plane.exact, -(plane.confidence or 0.0), plane.symmetry_error, _geometric(plane.normal))
+    return (not plane.exact, _doubt(plane), _unexplained(plane), _geometric(plane.normal))
 
 
 def _axis_order(axis: Axis) -> tuple[object, ...]:
     order = 0 if axis.order is None else -axis.order
-    sure = -(axis.confidence or 0.0)
-    return (not axis.continuous, order, not axis.exact, sure, axis.symmetry_error, _geometric(axis.direction))
+    worse = not axis.exact, _doubt(axis), _unexplained(axis)
+    return (not axis.continuous, order, *worse, _geometric(axis.direction))
+
+
+def _doubt(element: Plane | Axis) -> float:
+    """In hundredths: finer differences of confidence are none."""
+    return -round(element.confidence or 0.0, 2)
+
+
+def _unexplained(element: Plane | Axis) -> float:
+    """Deviation in the unit frame, and what is left over of the surface: a hole may hide what does not fit."""
+    return float(np.sqrt(element.symmetry_error)) + DEFAULT.missing_cost * (1.0 - element.coverage)
 
 
 class _Report:
