@@ -122,3 +122,13 @@ def before_what_follows(typing: Any) -> Any:
         return context.get_dummy_value()
 
     return _types.void(), generate
+
+
+@intrinsic
+def bits_of(typing: Any, number: Any) -> Any:
+    """``bits_of(number)``: the 64 bits of a number (float64), as one (int64)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _INDEX)
+
+    return INDEX(number), generate

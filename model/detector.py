@@ -23,6 +23,7 @@ from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import SurfaceSampler, extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
 from model.geometry.surface import SurfaceIndex
+from model.geometry.topology import welded
 from model.meshes.bodies import inner_faces
 from model.meshes.mesh import Mesh
 from model.network.checkpoint import Checkpoint, load_checkpoint
@@ -84,6 +85,7 @@ class Detector:
         faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
         mesh = Mesh.checked(corners, faces)
         learned("measured", NAMES)
+        welded(corners[faces.ravel()], np.arange(faces.size, dtype=np.int32).reshape(-1, 3))
         frame = unit_frame(corners, faces[2:])
         context, network, _ = self.search(frame.to_unit(corners), faces[2:])
         if network is not None:
@@ -126,18 +128,19 @@ class Detector:
         """
         started = time.perf_counter()
         mesh = as_mesh(mesh)
-        frame = unit_frame(mesh.vertices, mesh.faces)
-        vertices = frame.to_unit(mesh.vertices)
-        resolution = resolution_of(_used(mesh, vertices)) / frame.scale
+        own, faces = welded(mesh.vertices, mesh.faces)
+        frame = unit_frame(own, faces)
+        vertices = frame.to_unit(own)
+        resolution = _resolution(mesh, own, vertices) / frame.scale
         timings: dict[str, float] = {}
         notes: tuple[str, ...] = ()
         if mode == "paper":
-            found = self._paper(vertices, mesh.faces, max_error, timings)
+            found = self._paper(vertices, faces, max_error, timings)
         else:
             choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
-            found, merged = self._full(vertices, mesh.faces, resolution, max_error, choice, sources, timings)
+            found, merged = self._full(vertices, faces, resolution, max_error, choice, sources, timings)
             mark = time.perf_counter()
-            notes = self._inside_warning(found, merged, vertices, mesh.faces, resolution, max_error, choice, sources)
+            notes = self._inside_warning(found, merged, vertices, faces, resolution, max_error, choice, sources)
             timings["validate"] += _since(mark)
         result = to_input(found, frame, mesh, resolution, max_error, timings, notes)
         timings["total"] = _since(started)
@@ -288,11 +291,14 @@ def use_one_thread() -> None:
         sys.modules["torch"].set_num_threads(1)
 
 
-def _used(mesh: Mesh, vertices_unit: FloatArray) -> FloatArray:
-    """The vertices of a mesh without those that no face uses, if any of these is farther out than the surface."""
-    if float(np.abs(vertices_unit).max()) <= _OUTERMOST:
-        return mesh.vertices
-    return mesh.vertices[np.unique(mesh.faces)]
+def _resolution(mesh: Mesh, vertices: FloatArray, vertices_unit: FloatArray) -> float:
+    """What the coordinates of a mesh may be off by, from its vertices, one at each place ``(v, 3)``.
+
+    Those that no face uses do not count if any of them is farther out than the surface.
+    """
+    if max(float(vertices_unit.max()), -float(vertices_unit.min())) <= _OUTERMOST:
+        return resolution_of(vertices, drawn_from=mesh.vertices)
+    return resolution_of(mesh.vertices[np.unique(mesh.faces)])
 
 
 def _since(mark: float) -> float:

@@ -153,8 +153,10 @@ def _most_telling(ends: IntArray, which: IntArray, deviations: FloatArray) -> in
     return int(places[np.lexsort((-places, largest, operations.sum(1)))[-1]])
 
 
-def resolution_of(vertices: FloatArray) -> float:
+def resolution_of(vertices: FloatArray, drawn_from: FloatArray | None = None) -> float:
     """What the coordinates ``(v, 3)`` of a file may be off by, in their own unit.
+
+    Some values are looked at closely, ``drawn_from`` all vertices as the file has them where these are not.
 
     Half a step of single precision if all of them are numbers of it; half the diagonal of a cell if they lie on a
     decimal or binary grid that nobody draws on by hand: one that is fine beside the shape, has many values, or is finer
@@ -162,7 +164,8 @@ def resolution_of(vertices: FloatArray) -> float:
     """
     largest, extent, single = extent_and_precision(kernel_array(vertices, np.float64))
     result = _SINGLE * largest if single else 2.0**-52 * largest
-    values: FloatArray = np.unique(vertices[:: max(1, len(vertices) // 5000)].ravel())
+    drawn_from = vertices if drawn_from is None else drawn_from
+    values: FloatArray = np.unique(drawn_from[:: max(1, len(drawn_from) // 5000)].ravel())
     if len(values) <= _SOME_VALUES or extent <= 0.0:
         return result
     fine = (_DRAWN_STEP if len(values) > _MANY_VALUES else _FINE_STEP) * extent
