@@ -6,6 +6,7 @@ from model._jit import jit, jit_allocating, jit_inlined
 from model.geometry._bvh import FANOUT, LANES, Scratch, Tree, scratch
 from model.geometry._bvh_frames import closest_on, near_leaf
 from model.geometry._bvh_lanes import lowest, near_boxes
+from model.geometry._bvh_lowest import require_made
 from model.types import AnyArray, FloatArray, IntArray
 
 ROUNDING = 1e-15
@@ -67,6 +68,7 @@ def nearest(x: float, y: float, z: float, seed: int, bound: float, tree: Tree, s
                             best, found = float(leaf_squared[lane]), ~node * LANES + lane
                     enough = _beaten(best, tree.rounding)
             continue
+        require_made(node, tree, scratch)
         bits = near_boxes(tree.boxes, node * 6 * FANOUT, x, y, z, enough, child_squared)
         bottom = top
         while bits:  # kept sorted, the nearest on top

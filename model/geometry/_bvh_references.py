@@ -10,13 +10,13 @@ import numpy as np
 from model._jit import jit, jit_allocating
 from model.types import FloatArray, IntArray
 
-_NEAR = 0.002
+NEAR = 0.002
 """Part of the surface's extent: how far points that are asked about are from it, typically."""
 
 _FEW = 1.0
 """A point is near so many boxes at most, on average, or the largest are cut smaller."""
 
-_CROWDED = 0.25
+CROWDED = 0.25
 """Near so many boxes, on average, they overlap so much that the tree has to be split with care: of nine in ten meshes a
 point is near fewer."""
 
@@ -24,12 +24,11 @@ _MOST_CUTS, _CUTS_A_FACE, _FEW_CUTS = 200_000, 20, 2000
 
 
 @jit_allocating
-def references(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, bool]:
+def references(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """What the tree is built over.
 
     Returns:
-        boxes (m, 6), lower x, y, z, upper x, y, z, that cover the triangles; the face (m,) that each belongs to; and
-        whether they crowd.
+        boxes (m, 6), lower x, y, z, upper x, y, z, that cover the triangles; and the face (m,) that each belongs to.
     """
     count = faces.shape[0]
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -55,12 +54,12 @@ def references(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntAr
     for face in range(count):
         owners[face] = face
     if not crowd > _FEW:
-        return boxes, owners, crowd > _CROWDED
+        return boxes, owners
     capacity = count + min(_MOST_CUTS, _CUTS_A_FACE * count + _FEW_CUTS)
     cut_boxes, cut_owners = np.empty((capacity, 6)), np.empty(capacity, dtype=np.int32)
     cut_boxes[:count], cut_owners[:count] = boxes, owners
     count = _cut(vertices, faces, cut_boxes, cut_owners, count, low, extent, scale, crowd, largest)
-    return cut_boxes[:count].copy(), cut_owners[:count].copy(), True
+    return cut_boxes[:count].copy(), cut_owners[:count].copy()
 
 
 @jit
@@ -69,7 +68,7 @@ def _share(boxes: FloatArray, box: int, scale: float) -> float:
     x = (boxes[box, 3] - boxes[box, 0]) * scale
     y = (boxes[box, 4] - boxes[box, 1]) * scale
     z = (boxes[box, 5] - boxes[box, 2]) * scale
-    return x * y * z + 2.0 * _NEAR * (x * y + y * z + z * x)
+    return x * y * z + 2.0 * NEAR * (x * y + y * z + z * x)
 
 
 @jit_allocating

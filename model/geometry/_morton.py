@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model._jit import jit, jit_allocating
+from model._jit import jit, jit_allocating, jit_inlined
 from model.types import AnyArray, FloatArray, IntArray
 
 BITS = 10
@@ -20,15 +20,35 @@ def morton_order(points: FloatArray) -> IntArray:
             low[axis] = min(low[axis], points[point, axis])
             high[axis] = max(high[axis], points[point, axis])
     scale = scale_of(high[0] - low[0], high[1] - low[1], high[2] - low[2])
-    keys, order = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    rows, sorted_rows = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     for point in range(count):
         i = int((points[point, 0] - low[0]) * scale)
         j = int((points[point, 1] - low[1]) * scale)
         k = int((points[point, 2] - low[2]) * scale)
-        keys[point], order[point] = code(i, j, k), point
-    spare_keys, spare = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
-    sort_range(keys, order, spare_keys, spare, 0, count, np.empty(1 << BITS, dtype=np.int64))
+        rows[point] = row_of(code(i, j, k), point)
+    sort_rows(rows, sorted_rows, 0, count, np.empty((3, 1 << BITS), dtype=np.int64))
+    order = np.empty(count, dtype=np.int32)
+    for place in range(count):
+        order[place] = index_of(sorted_rows[place])
     return order
+
+
+@jit_inlined
+def row_of(key: int, index: int) -> int:
+    """A code and the index of what has it, in one number: they are moved together."""
+    return (key << 32) | index
+
+
+@jit_inlined
+def index_of(row: int) -> int:
+    """The index in a row."""
+    return row & 0x7FFFFFFF
+
+
+@jit_inlined
+def code_of(row: int) -> int:
+    """The code in a row."""
+    return row >> 32
 
 
 @jit
@@ -54,40 +74,32 @@ def _spaced(cell: int) -> int:
 
 
 @jit
-def sort_range(
-    keys: IntArray, order: IntArray, spare_keys: IntArray, spare: IntArray, first: int, last: int, starts: AnyArray
-) -> None:
-    """Sort a range of keys, and `order` with them: by their lowest ten bits, the next ten, and the highest.
+def sort_rows(rows: AnyArray, sorted_rows: AnyArray, first: int, last: int, starts: AnyArray) -> None:
+    """Sort a range of rows by their codes into the same range of ``sorted_rows``; equal ones stay in their order.
 
-    ``spare_keys``, ``spare`` and ``starts`` ``(1 << BITS,)`` are scratch.
+    By the lowest ten bits, the next ten, and the highest. ``starts`` ``(3, 1 << BITS)`` and ``rows`` are scratch.
     """
-    _sort_digit(keys, order, spare_keys, spare, first, last, 0, starts)
-    _sort_digit(spare_keys, spare, keys, order, first, last, BITS, starts)
-    _sort_digit(keys, order, spare_keys, spare, first, last, 2 * BITS, starts)
+    starts[:] = 0
+    mask = starts.shape[1] - 1
     for place in range(first, last):
-        keys[place], order[place] = spare_keys[place], spare[place]
+        key = code_of(rows[place])
+        starts[0, key & mask] += 1
+        starts[1, (key >> BITS) & mask] += 1
+        starts[2, (key >> (2 * BITS)) & mask] += 1
+    for digit in range(3):
+        total = first
+        for value in range(starts.shape[1]):
+            total, starts[digit, value] = total + starts[digit, value], total
+    _move_rows(rows, sorted_rows, first, last, 0, starts[0])
+    _move_rows(sorted_rows, rows, first, last, BITS, starts[1])
+    _move_rows(rows, sorted_rows, first, last, 2 * BITS, starts[2])
 
 
 @jit
-def _sort_digit(
-    keys: IntArray,
-    order: IntArray,
-    sorted_keys: IntArray,
-    sorted_order: IntArray,
-    first: int,
-    last: int,
-    shift: int,
-    starts: AnyArray,
-) -> None:
+def _move_rows(rows: AnyArray, moved: AnyArray, first: int, last: int, shift: int, starts: AnyArray) -> None:
     mask = starts.shape[0] - 1
-    starts[:] = 0
     for place in range(first, last):
-        starts[(keys[place] >> shift) & mask] += 1
-    total = first
-    for digit in range(starts.shape[0]):
-        total, starts[digit] = total + starts[digit], total
-    for place in range(first, last):
-        digit = (keys[place] >> shift) & mask
-        to = starts[digit]
+        row = rows[place]
+        digit = (code_of(row) >> shift) & mask
+        moved[starts[digit]] = row
         starts[digit] += 1
-        sorted_keys[to], sorted_order[to] = keys[place], order[place]

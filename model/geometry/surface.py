@@ -4,9 +4,10 @@ import numpy as np
 
 from model._jit import kernel_array
 from model.errors import TooComplexError
-from model.geometry._bvh import LANES, ROWS, Tree
+from model.geometry._bvh import FANOUT, LANES, ROWS, Tree
 from model.geometry._bvh_axes import tree_axes
-from model.geometry._bvh_cells import sort_into_cells, with_cells
+from model.geometry._bvh_cells import sort_into_cells, survey, with_cells
+from model.geometry._bvh_lowest import make_first
 from model.geometry._bvh_query import ROUNDING, closest_points, search, work_at_first
 from model.geometry._bvh_references import references
 from model.geometry._bvh_split import split
@@ -45,22 +46,13 @@ class SurfaceIndex:
             raise ValueError("a surface needs at least one face")
         self._axes = tree_axes(vertices, faces)
         turned = self._turn(vertices)
-        nodes, children, lanes, coincide = _built(turned, faces)
+        left = np.array([work_at_first(work), work])
+        self.tree, coincide = _built(turned, faces, faces, left)
         if coincide:  # many times the same triangle, perhaps: once will do
             distinct = np.flatnonzero(distinct_faces(duplicate_vertex_map(vertices), faces))
             if len(distinct) < len(faces):
-                nodes, children, lanes, _ = _built(turned, faces[distinct])
-                lanes = distinct[lanes].astype(np.int32)
-        self.tree = Tree(
-            nodes,
-            children,
-            np.zeros(len(lanes) * ROWS),
-            lanes,
-            turned,
-            faces,
-            np.array([work_at_first(work), work]),
-            ROUNDING * float(np.abs(turned).max()),
-        )
+                self.tree, _ = _built(turned, faces[distinct], faces, left, distinct.astype(np.int32))
+        make_first(self.tree)
 
     @property
     def work_left(self) -> float:
@@ -150,13 +142,28 @@ class SurfaceIndex:
         return squared, lanes, total
 
 
-def _built(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray, bool]:
-    """Boxes, children and owners as in ``_bvh.Tree``, and whether many triangles had one centre."""
-    boxes, owners, crowd = references(vertices, faces)
-    if crowd:  # split down to the leaves: that takes longer, and a query looks into up to a third less
-        nodes, children, order, cells, coincide = split(boxes.copy(), LANES)
+def _built(
+    vertices: FloatArray, some: IntArray, faces: IntArray, left: FloatArray, numbers: IntArray | None = None
+) -> tuple[Tree, bool]:
+    """The tree over ``some`` of the faces, by their ``numbers`` among all, and whether many of them had one centre."""
+    count, found = len(some), np.empty(7)
+    if survey(
+        vertices, some, found
+    ):  # split down to the leaves: that takes longer, and a query looks into a third less
+        boxes, owners = references(vertices, some)
+        top, children, order, leaves, coincide = split(boxes, LANES)
+        order = owners[order]
     else:
-        order, cells, cell_boxes, coincide = sort_into_cells(boxes)
-        nodes, children, numbers, leaves, _ = split(cell_boxes, 1)
-        cells = cells[numbers[leaves[:, 0]]]
-    return *with_cells(boxes, owners, order, cells, nodes, children), coincide
+        rows, sorted_rows = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        cells, boxes, coincide = sort_into_cells(vertices, some, found, rows, sorted_rows)
+        order = (sorted_rows & 0x7FFFFFFF).astype(np.int32)
+        top, children, which, leaves, _ = split(boxes, 1)
+        leaves = cells[which[leaves[:, 0]]]
+    order = order if numbers is None else numbers[order]
+    children, cells, lanes = with_cells(children, leaves, order)
+    boxes = np.empty(len(children) * 6)
+    boxes[: len(top)] = top
+    upper = len(top) // (6 * FANOUT)
+    made = np.zeros(len(cells), dtype=np.uint8)
+    frames, rounding = np.zeros(len(lanes) * ROWS), ROUNDING * float(max(vertices.max(), -vertices.min()))
+    return Tree(boxes, children, upper, cells, order, made, frames, lanes, vertices, faces, left, rounding), coincide

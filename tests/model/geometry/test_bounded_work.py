@@ -51,7 +51,7 @@ def test_crossing_triangles_and_slivers_cost_a_small_part_of_looking_into_all():
 
 def test_parts_of_cut_triangles_answer_as_whole_ones_do():
     vertices, faces = crossing(400)
-    boxes, owners, _ = references(vertices, faces)
+    boxes, owners = references(vertices, faces)
     assert len(boxes) > 2 * len(faces)
     assert set(owners.tolist()) == set(range(len(faces)))
     points = np.random.default_rng(2).uniform(-0.7, 0.7, (500, 3))
@@ -67,7 +67,7 @@ def test_parts_of_cut_triangles_answer_as_whole_ones_do():
 
 def test_boxes_cover_every_part_of_their_triangles():
     vertices, faces = slivers(300)
-    boxes, owners, _ = references(vertices, faces)
+    boxes, owners = references(vertices, faces)
     points, on = sample_surface(vertices, faces, 5000, seed=4)
     inside = np.zeros(len(points), dtype=bool)
     for box, owner in zip(boxes, owners, strict=True):
