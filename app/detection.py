@@ -175,7 +175,7 @@ def to_response(
             center=numbers(detection.center),
             scale=float(detection.scale),
         ),
-        mesh=mesh_info(mesh, filename),
+        mesh=mesh_info(mesh, filename, detection.watertight),
         model=schemas.ModelInfo(name=detector.name, version=detector.version, sha256=detector.sha256),
         warnings=list(detection.warnings),
         levels=[_level(level) for level in detection.levels],
@@ -186,15 +186,15 @@ def to_response(
     )
 
 
-def mesh_info(mesh: "Mesh", filename: str) -> schemas.MeshInfo:
-    """What an answer tells about a mesh."""
+def mesh_info(mesh: "Mesh", filename: str, watertight: bool | None = None) -> schemas.MeshInfo:
+    """What an answer tells about a mesh; whether it is ``watertight`` takes time to see, if that is not known."""
     return schemas.MeshInfo(
         filename=filename,
         format=mesh.source_format,
         vertices=len(mesh.vertices),
         faces=len(mesh.faces),
         bounds=_rows(mesh.bounds),
-        watertight=bool(mesh.watertight),
+        watertight=mesh.watertight if watertight is None else watertight,
         kind=mesh.kind,
     )
 

@@ -133,7 +133,8 @@ class Detection(SymmetrySummary):
     """Everything found on one mesh; ``unit = (input - center) / scale``.
 
     Planes and axes are those of ``point_group``. What is exact comes first, then by error, of axes the higher order
-    before. ``similar`` hold within the threshold but belong to no group.
+    before. ``similar`` hold within the threshold but belong to no group. ``known_watertight``: what `watertight` says,
+    where it was seen on the way.
     """
 
     planes: list[Plane]
@@ -147,6 +148,12 @@ class Detection(SymmetrySummary):
     rejected: list[Rejected] = field(default_factory=list[Rejected])
     levels: list[Level] = field(default_factory=list[Level])
     similar: list[Rejected] = field(default_factory=list[Rejected])
+    known_watertight: bool | None = None
+
+    @property
+    def watertight(self) -> bool:
+        """`Mesh.watertight` of the mesh."""
+        return self.mesh.watertight if self.known_watertight is None else self.known_watertight
 
     def bop(self) -> dict[str, Any]:
         """Diameter and symmetries as in an entry of a BOP `models_info.json`.

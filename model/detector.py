@@ -23,7 +23,7 @@ from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import SurfaceSampler, extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
 from model.geometry.surface import SurfaceIndex
-from model.geometry.topology import welded
+from model.geometry.topology import are_equal, welded
 from model.meshes.bodies import inner_faces
 from model.meshes.mesh import Mesh
 from model.network.checkpoint import Checkpoint, load_checkpoint
@@ -43,6 +43,7 @@ from model.search.confidence import NAMES, is_certain, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, clusters, resolution_of
+from model.search.facets import Facets
 from model.search.full import Found, Sources, find_symmetries
 from model.search.part import fits_better
 from model.search.prediction import guesses, likeliest
@@ -134,15 +135,18 @@ class Detector:
         resolution = _resolution(mesh, own, vertices) / frame.scale
         timings: dict[str, float] = {}
         notes: tuple[str, ...] = ()
+        watertight: bool | None = None
         if mode == "paper":
             found = self._paper(vertices, faces, max_error, timings)
         else:
             choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
-            found, merged = self._full(vertices, faces, resolution, max_error, choice, sources, timings)
+            found, facets = self._full(vertices, faces, resolution, max_error, choice, sources, timings)
             mark = time.perf_counter()
-            notes = self._inside_warning(found, merged, vertices, faces, resolution, max_error, choice, sources)
+            notes = self._inside_warning(found, facets.first, vertices, faces, resolution, max_error, choice, sources)
+            if are_equal(own, facets.first):
+                watertight = facets.edges.all_paired
             timings["validate"] += _since(mark)
-        result = to_input(found, frame, mesh, resolution, max_error, timings, notes)
+        result = to_input(found, frame, mesh, resolution, max_error, timings, notes, watertight)
         timings["total"] = _since(started)
         return result
 
@@ -193,8 +197,8 @@ class Detector:
         choice: LevelChoice,
         sources: Sources,
         timings: dict[str, float],
-    ) -> tuple[Symmetries, IntArray]:
-        """What full mode answers, and for every vertex the first at its place."""
+    ) -> tuple[Symmetries, Facets]:
+        """What full mode answers, and what it has seen of the mesh."""
         context, network, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
         mark, asked = time.perf_counter(), timings["infer"]
         cut_short = context.is_spent
@@ -209,7 +213,7 @@ class Detector:
         result.cut_short = cut_short
         timings["infer"] = asked if network is None else network.spent_ms
         timings["validate"] = _since(mark) - (timings["infer"] - asked)
-        return result, context.meter.facets.first
+        return result, context.meter.facets
 
     def search(
         self,

@@ -38,6 +38,7 @@ def to_input(
     max_error: float,
     timings_ms: dict[str, float],
     notes: tuple[str, ...] = (),
+    watertight: bool | None = None,
 ) -> Detection:
     """What was found, in the frame of ``mesh``.
 
@@ -49,6 +50,7 @@ def to_input(
         max_error: the threshold it was searched with.
         timings_ms: of the steps.
         notes: what else there is to say, as sentences.
+        watertight: whether the mesh is, if that is known.
     """
     report = _Report(frame, min(max(_ROUNDING, 4.0 * resolution), _MOST_ROUNDED))
     planes = sorted((report.plane(plane) for plane in found.planes), key=_plane_order)
@@ -70,6 +72,7 @@ def to_input(
         ],
         levels=report.levels(found),
         similar=[report.candidate(item) for item in sorted(found.similar, key=lambda item: item.error)],
+        known_watertight=watertight,
         rejected=[report.candidate(item) for item in sorted(found.rejected, key=lambda item: item.error)],
     )
 

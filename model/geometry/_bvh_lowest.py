@@ -36,7 +36,7 @@ def _make(node: int, tree: Tree, paper: Scratch) -> None:
     count = end - start
     boxes, middles, places = paper.boxes, paper.middles, paper.places
     for place in range(count):
-        lx, ly, lz, hx, hy, hz = box_of(tree.vertices, tree.faces, tree.order[start + place])
+        lx, ly, lz, hx, hy, hz = box_of(tree.vertices, tree.faces, int(tree.order[start + place]))
         boxes[place, 0], boxes[place, 1], boxes[place, 2] = lx, ly, lz
         boxes[place, 3], boxes[place, 4], boxes[place, 5] = hx, hy, hz
         middles[place, 0], middles[place, 1], middles[place, 2] = lx + hx, ly + hy, lz + hz

@@ -3,7 +3,7 @@
 import numpy as np
 
 from model._jit import jit, kernel_array
-from model.geometry.topology import duplicate_vertex_map
+from model.geometry.topology import duplicate_vertex_map, welded
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _INSERTED = 24
@@ -27,18 +27,17 @@ class EdgeTable:
         self._merged, self._faces = kernel_array(merged, np.int32), kernel_array(faces, np.int32)
         self._starts = np.zeros(len(merged) + 1, dtype=np.int64)
         self._ends, self._numbers = (np.empty(3 * len(faces), dtype=np.int32) for _ in range(2))
-        _group(self._merged, self._faces, self._starts, self._ends, self._numbers)
-
-    @property
-    def all_paired(self) -> bool:
+        single, crowded = _group(self._merged, self._faces, self._starts, self._ends, self._numbers)
+        self._has_open = single > 0
+        self.all_paired = not single and not crowded
         """Whether every edge belongs to two faces: the surface is closed."""
-        return bool(_all_paired(self._starts, self._ends))
 
     @property
     def open(self) -> BoolArray:
         """Which edges belong to one face alone: ``(f, 3)``."""
         result = np.zeros((len(self._faces), 3), dtype=np.bool_)
-        _find_open(self._starts, self._ends, self._numbers, result)
+        if self._has_open:
+            _find_open(self._starts, self._ends, self._numbers, result)
         return result
 
     @property
@@ -74,12 +73,18 @@ def is_watertight(vertices: FloatArray, faces: IntArray) -> bool:
 
     Faces of which corners coincide have no area and do not count. Works for any (v, 3) coordinates and (f, 3) faces.
     """
-    return EdgeTable(duplicate_vertex_map(vertices), faces).all_paired
+    places, numbers = welded(vertices, faces)
+    if len(places) <= len(faces):  # where there were more, places are known already
+        return EdgeTable(duplicate_vertex_map(places), numbers).all_paired
+    return EdgeTable(np.arange(len(places), dtype=np.int32), numbers).all_paired
 
 
 @jit
-def _group(merged: IntArray, faces: IntArray, starts: AnyArray, ends: IntArray, numbers: IntArray) -> None:
-    """Edges of vertex i lead to ``ends[starts[i]:starts[i + 1]]``, sorted; edge k of face f has the number 3 f + k."""
+def _group(merged: IntArray, faces: IntArray, starts: AnyArray, ends: IntArray, numbers: IntArray) -> tuple[int, int]:
+    """Edges of vertex i lead to ``ends[starts[i]:starts[i + 1]]``, sorted; edge k of face f has the number 3 f + k.
+
+    Returned is how many belong to one face alone, and how many to more than two.
+    """
     for face in range(faces.shape[0]):
         a, b, c = merged[faces[face, 0]], merged[faces[face, 1]], merged[faces[face, 2]]
         if a != b and b != c and c != a:
@@ -96,10 +101,17 @@ def _group(merged: IntArray, faces: IntArray, starts: AnyArray, ends: IntArray, 
             _put(a, b, 3 * face, starts, ends, numbers)
             _put(b, c, 3 * face + 1, starts, ends, numbers)
             _put(c, a, 3 * face + 2, starts, ends, numbers)
+    single, crowded = 0, 0
     for vertex in range(starts.shape[0] - 1):
         first, last = starts[vertex], starts[vertex + 1]
         if last - first > 1:
             _sort(ends[first:last], numbers[first:last])
+        while first < last:
+            end = _run(ends, first, last)
+            single += end - first == 1
+            crowded += end - first > 2
+            first = end
+    return single, crowded
 
 
 @jit
@@ -150,18 +162,6 @@ def _run(ends: IntArray, first: int, last: int) -> int:
     while end < last and ends[end] == ends[first]:
         end += 1
     return end
-
-
-@jit
-def _all_paired(starts: AnyArray, ends: IntArray) -> bool:
-    for vertex in range(starts.shape[0] - 1):
-        place, last = starts[vertex], starts[vertex + 1]
-        while place < last:
-            end = _run(ends, place, last)
-            if end - place != 2:
-                return False
-            place = end
-    return True
 
 
 @jit

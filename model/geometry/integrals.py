@@ -34,13 +34,14 @@ def unit_frame(vertices: FloatArray, faces: IntArray) -> UnitFrame:
     if not extent > 0.0:
         raise DegenerateMeshError("The mesh has no extent: all its points coincide.")
     middle = (box[0] + box[1]) / 2.0
-    sums = np.zeros(4)
-    _centroid_sums(vertices, faces, middle, extent, sums)
+    scaled, sums = np.empty_like(vertices), np.zeros(4)
+    _scale(vertices, middle, extent, scaled)  # first: squares of a mesh far from the origin, or tiny, would lose digits
+    _centroid_sums(scaled, faces, sums)
     total = sums[3]
     if not total > 0.0:
         raise DegenerateMeshError("The surface has no area: every face is a line or a point.")
     centroid = sums[:3] / (3.0 * total)
-    radius = float(np.sqrt(_largest_square(vertices, used, middle, extent, centroid)))
+    radius = float(np.sqrt(_largest_square(scaled, used, centroid)))
     return UnitFrame(middle + extent * centroid, 2.0 * radius * extent)
 
 
@@ -109,19 +110,24 @@ def _area(ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: 
 
 
 @jit
-def _centroid_sums(vertices: FloatArray, faces: IntArray, middle: FloatArray, extent: float, sums: FloatArray) -> None:
-    """Add area times the sum of the corners, and the area, about ``middle`` in units of ``extent``."""
+def _scale(vertices: FloatArray, middle: FloatArray, extent: float, scaled: FloatArray) -> None:
+    """Fill ``scaled`` ``(v, 3)`` with the places of vertices about ``middle`` in units of ``extent``."""
+    for vertex in range(vertices.shape[0]):
+        for axis in range(3):
+            scaled[vertex, axis] = (vertices[vertex, axis] - middle[axis]) / extent
+
+
+@jit
+def _centroid_sums(vertices: FloatArray, faces: IntArray, sums: FloatArray) -> None:
+    """Add area times the sum of the corners, and the area."""
     count = faces.shape[0]
     for first in range(0, count, _BLOCK):
         sx, sy, sz, total = 0.0, 0.0, 0.0, 0.0
         for face in range(first, min(first + _BLOCK, count)):
             a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-            ax, bx, cx = vertices[a, 0] - middle[0], vertices[b, 0] - middle[0], vertices[c, 0] - middle[0]
-            ay, by, cy = vertices[a, 1] - middle[1], vertices[b, 1] - middle[1], vertices[c, 1] - middle[1]
-            az, bz, cz = vertices[a, 2] - middle[2], vertices[b, 2] - middle[2], vertices[c, 2] - middle[2]
-            ax, bx, cx = ax / extent, bx / extent, cx / extent
-            ay, by, cy = ay / extent, by / extent, cy / extent
-            az, bz, cz = az / extent, bz / extent, cz / extent
+            ax, ay, az = vertices[a, 0], vertices[a, 1], vertices[a, 2]
+            bx, by, bz = vertices[b, 0], vertices[b, 1], vertices[b, 2]
+            cx, cy, cz = vertices[c, 0], vertices[c, 1], vertices[c, 2]
             area = _area(ax, ay, az, bx, by, bz, cx, cy, cz)
             sx += (ax + bx + cx) * area
             sy += (ay + by + cy) * area
@@ -134,16 +140,14 @@ def _centroid_sums(vertices: FloatArray, faces: IntArray, middle: FloatArray, ex
 
 
 @jit
-def _largest_square(
-    vertices: FloatArray, used: AnyArray, middle: FloatArray, extent: float, centroid: FloatArray
-) -> float:
-    """Of the distances of used vertices from ``centroid``, in the units of `_centroid_sums`."""
+def _largest_square(vertices: FloatArray, used: AnyArray, centroid: FloatArray) -> float:
+    """Of the distances of used vertices from ``centroid``."""
     largest = 0.0
     for vertex in range(vertices.shape[0]):
         if used[vertex]:
-            x = (vertices[vertex, 0] - middle[0]) / extent - centroid[0]
-            y = (vertices[vertex, 1] - middle[1]) / extent - centroid[1]
-            z = (vertices[vertex, 2] - middle[2]) / extent - centroid[2]
+            x = vertices[vertex, 0] - centroid[0]
+            y = vertices[vertex, 1] - centroid[1]
+            z = vertices[vertex, 2] - centroid[2]
             largest = max(largest, x * x + y * y + z * z)
     return largest
 

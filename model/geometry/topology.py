@@ -1,6 +1,7 @@
 """Which vertices and faces of a mesh are the same."""
 
 import os
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,18 @@ def welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]
 
 
 @jit
+def are_equal(vertices: FloatArray, first: IntArray) -> bool:
+    """Whether every vertex ``(v, 3)`` is where the one is that ``first`` ``(v,)`` names."""
+    for vertex in range(vertices.shape[0]):
+        other = first[vertex]
+        if other != vertex:
+            for axis in range(3):
+                if vertices[vertex, axis] != vertices[other, axis]:
+                    return False
+    return True
+
+
+@jit
 def connected_parts(faces: IntArray, parts: IntArray) -> None:
     """Fill ``parts`` ``(v,)``: vertices that faces ``(f, 3)`` connect get the same number, the index of one of them."""
     for vertex in range(parts.shape[0]):
@@ -53,11 +66,36 @@ def connected_parts(faces: IntArray, parts: IntArray) -> None:
     for face in range(faces.shape[0]):
         first = _root(faces[face, 0], parts)
         for corner in range(1, 3):
-            other = _root(faces[face, corner], parts)
-            first, last = min(first, other), max(first, other)
-            parts[last] = first
+            first = _join(first, _root(faces[face, corner], parts), parts)
     for vertex in range(parts.shape[0]):
         parts[vertex] = _root(vertex, parts)
+
+
+@jit
+def connect_places(faces: IntArray, merged: IntArray, parts: IntArray, used: BoolArray) -> None:
+    """What `connected_parts` does, of places: ``merged`` ``(v,)`` names the first vertex at each.
+
+    ``used`` ``(v,)``, all false, is set where a face has a corner.
+    """
+    for vertex in range(parts.shape[0]):
+        parts[vertex] = vertex
+    for face in range(faces.shape[0]):
+        first = -1
+        for corner in range(3):
+            place = merged[faces[face, corner]]
+            used[place] = True
+            root = _root(int(place), parts)
+            first = root if first < 0 else _join(first, root, parts)
+    for vertex in range(parts.shape[0]):
+        parts[vertex] = _root(vertex, parts)
+
+
+@jit_inlined
+def _join(first: int, other: int, parts: IntArray) -> int:
+    """Join two parts by their roots; the root of both."""
+    first, last = min(first, other), max(first, other)
+    parts[last] = first
+    return first
 
 
 @jit
@@ -164,7 +202,7 @@ def _find_places(
     mask, low = np.int64(table.shape[0] - 1), np.int64(recent.shape[0] - 1)
     keys, left, heads = scratch[0], scratch[1], scratch[2]
     for place in range(known):
-        slot = np.int64(_hash(places[place, 0], places[place, 1], places[place, 2], seed)) & mask
+        slot = _hash(places[place, 0], places[place, 1], places[place, 2], seed) & mask
         while table[slot] >= 0:
             slot = (slot + 1) & mask
         table[slot] = place
@@ -172,7 +210,7 @@ def _find_places(
         end, missed = min(first + together, vertices.shape[0]), 0
         for vertex in range(first, end):
             x, y, z = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
-            key = np.int64(_hash(x, y, z, seed))
+            key = _hash(x, y, z, seed)
             place = recent[key & low]
             numbers[vertex] = place
             keys[missed], left[missed] = key, vertex
@@ -199,7 +237,7 @@ def _find_places(
 
 
 @jit_inlined
-def _hash(x: float, y: float, z: float, seed: int) -> int:
+def _hash(x: float, y: float, z: float, seed: int) -> Any:
     """Of three coordinates, the same for 0 and -0."""
     key = np.uint64(seed)
     key = (key ^ np.uint64(bits_of(x + 0.0))) * np.uint64(0xD6E8FEB86659FD93)
@@ -207,7 +245,7 @@ def _hash(x: float, y: float, z: float, seed: int) -> int:
     key = (key ^ np.uint64(bits_of(y + 0.0))) * np.uint64(0xD6E8FEB86659FD93)
     key ^= key >> np.uint64(32)
     key = (key ^ np.uint64(bits_of(z + 0.0))) * np.uint64(0xD6E8FEB86659FD93)
-    return key ^ (key >> np.uint64(32))
+    return np.int64(key ^ (key >> np.uint64(32)))
 
 
 @jit

@@ -3,7 +3,7 @@
 import numpy as np
 
 from model._jit import jit, kernel_array
-from model.geometry.topology import connected_parts, duplicate_vertex_map
+from model.geometry.topology import connect_places, duplicate_vertex_map
 from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _MOST_BODIES = 500
@@ -29,16 +29,16 @@ def inner_faces(vertices: FloatArray, faces: IntArray, merged: IntArray | None =
     """
     vertices, faces = kernel_array(vertices, np.float64), kernel_array(faces, np.int32)
     inside = np.zeros(len(faces), dtype=np.bool_)
-    merged = duplicate_vertex_map(vertices) if merged is None else merged
-    parts = np.empty(len(vertices), dtype=np.int32)
-    corners = kernel_array(merged[faces], np.int32)
-    connected_parts(corners, parts)
-    of_face, boxes = np.empty(len(faces), dtype=np.int32), np.empty((_MOST_BODIES, 6))
-    count = _bound(vertices, corners, parts, np.full(len(vertices), -1, dtype=np.int32), of_face, boxes)
+    merged = kernel_array(duplicate_vertex_map(vertices) if merged is None else merged, np.int32)
+    parts, used = np.empty(len(vertices), dtype=np.int32), np.zeros(len(vertices), dtype=np.bool_)
+    connect_places(faces, merged, parts, used)
+    numbers, boxes = np.full(len(vertices), -1, dtype=np.int32), np.empty((_MOST_BODIES, 6))
+    count = _bound(vertices, parts, used, numbers, boxes)
     low, high = boxes[:count, :3], boxes[:count, 3:]
     around = np.asarray(((low < low[:, None]) & (high > high[:, None])).all(axis=2))
     if not around.any():
         return inside, 0
+    of_face = numbers[parts[merged[faces[:, 0]]]]
     order = np.argsort(of_face, kind="stable")
     starts = np.searchsorted(of_face[order], np.arange(count + 1))
     left, found = _MOST_ANGLES, np.zeros(count, dtype=np.bool_)
@@ -97,16 +97,17 @@ def _surrounds(vertices: FloatArray, faces: IntArray, points: FloatArray, least:
 
 
 @jit
-def _bound(
-    vertices: FloatArray, faces: IntArray, parts: IntArray, numbers: IntArray, of_face: IntArray, boxes: FloatArray
-) -> int:
-    """Fill ``of_face`` ``(f,)`` with numbers of bodies and ``boxes`` with theirs; how many there are, 0 for too many.
+def _bound(vertices: FloatArray, parts: IntArray, used: BoolArray, numbers: IntArray, boxes: FloatArray) -> int:
+    """Fill ``boxes`` with those of bodies; how many there are, 0 for too many.
 
-    ``parts`` ``(v,)``: what hangs together has the same; ``numbers`` ``(v,)``, all -1, is scratch.
+    ``parts`` ``(v,)``: what hangs together has the same; ``used`` ``(v,)``: the vertices that count. ``numbers``
+    ``(v,)``, all -1, are filled with the number of the body at the place that each part is named after.
     """
     count = 0
-    for face in range(faces.shape[0]):
-        part = parts[faces[face, 0]]
+    for vertex in range(vertices.shape[0]):
+        if not used[vertex]:
+            continue
+        part = parts[vertex]
         if numbers[part] < 0:
             if count == boxes.shape[0]:
                 return 0
@@ -115,10 +116,7 @@ def _bound(
                 boxes[count, axis], boxes[count, 3 + axis] = np.inf, -np.inf
             count += 1
         body = numbers[part]
-        of_face[face] = body
-        for corner in range(3):
-            vertex = faces[face, corner]
-            for axis in range(3):
-                boxes[body, axis] = min(boxes[body, axis], vertices[vertex, axis])
-                boxes[body, 3 + axis] = max(boxes[body, 3 + axis], vertices[vertex, axis])
+        for axis in range(3):
+            boxes[body, axis] = min(boxes[body, axis], vertices[vertex, axis])
+            boxes[body, 3 + axis] = max(boxes[body, 3 + axis], vertices[vertex, axis])
     return count
