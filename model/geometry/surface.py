@@ -3,6 +3,7 @@
 import numpy as np
 
 from model._jit import kernel_array
+from model._memory import sparse_zeros
 from model.errors import TooComplexError
 from model.geometry._bvh import FANOUT, LANES, ROWS, Tree
 from model.geometry._bvh_axes import tree_axes
@@ -165,5 +166,5 @@ def _built(
     boxes[: len(top)] = top
     upper = len(top) // (6 * FANOUT)
     made = np.zeros(len(cells), dtype=np.uint8)
-    frames, rounding = np.zeros(len(lanes) * ROWS), ROUNDING * float(max(vertices.max(), -vertices.min()))
+    frames, rounding = sparse_zeros(len(lanes) * ROWS), ROUNDING * float(max(vertices.max(), -vertices.min()))
     return Tree(boxes, children, upper, cells, order, made, frames, lanes, vertices, faces, left, rounding), coincide
