@@ -114,17 +114,6 @@ TRUE: Any = _ir.Constant(_ir.IntType(1), 1)
 
 
 @intrinsic
-def before_what_follows(typing: Any) -> Any:
-    """``before_what_follows()``: other threads see what was written before as done before what is written after it."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.fence("acq_rel")
-        return context.get_dummy_value()
-
-    return _types.void(), generate
-
-
-@intrinsic
 def bits_of(typing: Any, number: Any) -> Any:
     """``bits_of(number)``: the 64 bits of a number (float64), as one (int64)."""
 

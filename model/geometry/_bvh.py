@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from model._jit import jit_allocating
-from model.types import ByteArray, FloatArray, IntArray
+from model.types import FloatArray, IntArray
 
 FANOUT = 8
 LANES = 4
 CELL = FANOUT * LANES
 """A lowest node has so many triangles at most."""
 
-ROWS = 15
+ROWS = 14
 # Binary splits on any path: twice the balanced depth by area, then strictly by halves, and the cells below. A traversal
 # keeps at most FANOUT - 1 siblings for each, so this stack is enough for 2^31 triangles.
 STACK = 1024
@@ -29,11 +29,13 @@ class Tree(NamedTuple):
 
     ``boxes`` ``(nodes * 6 * FANOUT,)``: lower x, y, z, upper x, y, z of every child; inverted infinities if empty.
     ``children`` ``(nodes * FANOUT,)``: a node, or ~leaf when negative.
-    ``upper``: so many nodes come first that are whole; those behind them are of cells, and nothing until they are made.
+    ``upper``: so many nodes come first that are whole; those with higher numbers are of cells, and made when needed.
     ``cells`` ``(nodes - upper, 3)``: of each the range of ``order`` that it holds, and its first leaf.
     ``order`` ``(m,)``: the triangles, as they were sorted.
-    ``made`` ``(nodes - upper,)``: which of these nodes are.
-    ``frames`` ``(leaves * ROWS * LANES,)``: one orthonormal frame a triangle, see ``_bvh_frames``; zeros until then.
+    ``row_of`` ``(nodes - upper,)``: where the boxes and children of a cell's node are; see ``model._atomic``.
+    ``frames`` ``((leaves + 1) * ROWS * LANES,)``: one orthonormal frame a triangle, see ``_bvh_frames``.
+    ``frames_of`` ``(leaves,)``: where those of a leaf are, counted in leaves; see ``model._atomic``.
+    ``taken`` ``(2,)``: the first row, and the first place for frames, that is free. What is made lies together.
     ``owners`` ``(leaves * LANES,)``: the triangles; short leaves repeat their last one. Those of cells are set when
     their node is made.
     ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``: of the surface, in the axes of the tree.
@@ -46,8 +48,10 @@ class Tree(NamedTuple):
     upper: int
     cells: IntArray
     order: IntArray
-    made: ByteArray
+    row_of: IntArray
     frames: FloatArray
+    frames_of: IntArray
+    taken: IntArray
     owners: IntArray
     vertices: FloatArray
     faces: IntArray

@@ -6,8 +6,8 @@ length need no special case: their frame is exact to rounding, however thin they
 
 import numpy as np
 
+from model._atomic import claim, publish, published, take, wait_for
 from model._jit import jit, jit_inlined
-from model._lanes import before_what_follows
 from model.geometry._bvh import LANES, ROWS, Tree
 from model.geometry._bvh_lanes import near_triangles
 from model.types import FloatArray, IntArray
@@ -16,21 +16,36 @@ from model.types import FloatArray, IntArray
 @jit_inlined
 def near_leaf(leaf: int, x: float, y: float, z: float, enough: float, tree: Tree, squared: FloatArray) -> int:
     """Fill ``squared`` ``(LANES,)`` with the squared distances of the triangles; a bit for each below ``enough``."""
-    at = leaf * ROWS * LANES
-    known = at + (ROWS - 1) * LANES
-    if tree.frames[known] == 0.0:
-        # Threads that share a tree may do this at the same time: they write the same numbers, and the mark after them.
-        for lane in range(LANES):
-            _frame(tree.vertices, tree.faces, int(tree.owners[leaf * LANES + lane]), tree.frames, at + lane)
-        before_what_follows()
-        tree.frames[known] = 1.0
-    before_what_follows()
-    return near_triangles(tree.frames, at, x, y, z, enough, squared)
+    return near_triangles(tree.frames, frames_of(leaf, tree) * ROWS * LANES, x, y, z, enough, squared)
+
+
+@jit_inlined
+def frames_of(leaf: int, tree: Tree) -> int:
+    """Where the frames of a leaf are, counted in leaves; they are made if they are not."""
+    place = published(tree.frames_of, leaf)
+    return place if place > 0 else _made(leaf, tree)
+
+
+@jit
+def _made(leaf: int, tree: Tree) -> int:
+    if not claim(tree.frames_of, leaf):
+        return wait_for(tree.frames_of, leaf)
+    place = take(tree.taken, 1)
+    for lane in range(LANES):
+        _frame(
+            tree.vertices,
+            tree.faces,
+            int(tree.owners[leaf * LANES + lane]),
+            tree.frames,
+            place * ROWS * LANES + lane,
+        )
+    publish(tree.frames_of, leaf, place)
+    return place
 
 
 @jit
 def _frame(vertices: FloatArray, faces: IntArray, face: int, frames: FloatArray, at: int) -> None:
-    """Rows: origin (3), x axis along the longest edge (3), y axis (3), base, apex x and y, 1 / side^2 (2), made."""
+    """Rows: origin (3), x axis along the longest edge (3), y axis (3), base, apex x and y, 1 / side^2 (2)."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ij, jk, ki = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -80,7 +95,7 @@ def _frame(vertices: FloatArray, faces: IntArray, face: int, frames: FloatArray,
 def closest_on(x: float, y: float, z: float, lane: int, tree: Tree) -> tuple[float, float, float]:
     """The point of the triangle in a leaf lane that is closest to a point."""
     frames = tree.frames
-    at = lane // LANES * ROWS * LANES + lane % LANES
+    at = frames_of(lane // LANES, tree) * ROWS * LANES + lane % LANES
     base, cx, cy = frames[at + 9 * LANES], frames[at + 10 * LANES], frames[at + 11 * LANES]
     px, py, pz = x - frames[at], y - frames[at + LANES], z - frames[at + 2 * LANES]
     u = px * frames[at + 3 * LANES] + py * frames[at + 4 * LANES] + pz * frames[at + 5 * LANES]
@@ -108,7 +123,7 @@ def closest_on(x: float, y: float, z: float, lane: int, tree: Tree) -> tuple[flo
 def normal_of(lane: int, tree: Tree) -> tuple[float, float, float]:
     """The unit normal of the triangle in a leaf lane, either way."""
     frames = tree.frames
-    at = lane // LANES * ROWS * LANES + lane % LANES
+    at = frames_of(lane // LANES, tree) * ROWS * LANES + lane % LANES
     bx, by, bz = frames[at + 3 * LANES], frames[at + 4 * LANES], frames[at + 5 * LANES]
     hx, hy, hz = frames[at + 6 * LANES], frames[at + 7 * LANES], frames[at + 8 * LANES]
     return by * hz - bz * hy, bz * hx - bx * hz, bx * hy - by * hx

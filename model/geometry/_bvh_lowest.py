@@ -1,13 +1,13 @@
 """The lowest nodes of the tree of ``model.geometry._bvh``, each made of its cell when a query first looks into it.
 
-Threads that share a tree may make the same one at the same time: each arranges the triangles on its own scratch, they
-write the same numbers, and the mark that the node is made after them.
+They are put side by side as they are made, as are the frames of triangles: what is near in space is looked at one after
+the other, and then lies together in memory.
 """
 
 import numpy as np
 
+from model._atomic import claim, publish, published, take, wait_for
 from model._jit import jit, jit_allocating, jit_inlined
-from model._lanes import before_what_follows
 from model.geometry._bvh import FANOUT, LANES, Scratch, Tree, scratch
 from model.geometry._bvh_cells import box_of
 from model.types import FloatArray, IntArray
@@ -16,22 +16,24 @@ from model.types import FloatArray, IntArray
 @jit_allocating
 def make_first(tree: Tree) -> None:
     """Make the first cell, if there is any: queries begin in the first leaf."""
-    if tree.made.shape[0] > 0:
-        require_made(tree.upper, tree, scratch())
+    if tree.row_of.shape[0] > 0:
+        row_of(tree.upper, tree, scratch())
 
 
 @jit_inlined
-def require_made(node: int, tree: Tree, paper: Scratch) -> None:
-    """Make a node, unless it is."""
-    if node >= tree.upper:
-        if tree.made[node - tree.upper] == 0:
-            _make(node, tree, paper)
-        before_what_follows()
+def row_of(node: int, tree: Tree, paper: Scratch) -> int:
+    """Where the boxes and children of a node are, which is made if it is not."""
+    if node < tree.upper:
+        return node
+    row = published(tree.row_of, node - tree.upper)
+    return row if row > 0 else _made(node - tree.upper, tree, paper)
 
 
 @jit
-def _make(node: int, tree: Tree, paper: Scratch) -> None:
-    cell = node - tree.upper
+def _made(cell: int, tree: Tree, paper: Scratch) -> int:
+    if not claim(tree.row_of, cell):
+        return wait_for(tree.row_of, cell)
+    node = take(tree.taken, 0)
     start, end, leaf = tree.cells[cell, 0], tree.cells[cell, 1], tree.cells[cell, 2]
     count = end - start
     boxes, middles, places = paper.boxes, paper.middles, paper.places
@@ -60,8 +62,8 @@ def _make(node: int, tree: Tree, paper: Scratch) -> None:
         for side in range(6):
             tree.boxes[(node * 6 + side) * FANOUT + part] = np.inf if side < 3 else -np.inf
         tree.children[node * FANOUT + part] = 0
-    before_what_follows()
-    tree.made[cell] = 1
+    publish(tree.row_of, cell, node)
+    return node
 
 
 @jit

@@ -6,7 +6,7 @@ from model._jit import jit, jit_allocating, jit_inlined
 from model.geometry._bvh import FANOUT, LANES, Scratch, Tree, scratch
 from model.geometry._bvh_frames import closest_on, near_leaf
 from model.geometry._bvh_lanes import lowest, near_boxes
-from model.geometry._bvh_lowest import require_made
+from model.geometry._bvh_lowest import row_of
 from model.types import AnyArray, FloatArray, IntArray
 
 ROUNDING = 1e-15
@@ -68,8 +68,8 @@ def nearest(x: float, y: float, z: float, seed: int, bound: float, tree: Tree, s
                             best, found = float(leaf_squared[lane]), ~node * LANES + lane
                     enough = _beaten(best, tree.rounding)
             continue
-        require_made(node, tree, scratch)
-        bits = near_boxes(tree.boxes, node * 6 * FANOUT, x, y, z, enough, child_squared)
+        row = row_of(node, tree, scratch)
+        bits = near_boxes(tree.boxes, row * 6 * FANOUT, x, y, z, enough, child_squared)
         bottom = top
         while bits:  # kept sorted, the nearest on top
             child = lowest(bits)
@@ -79,7 +79,7 @@ def nearest(x: float, y: float, z: float, seed: int, bound: float, tree: Tree, s
             while place > bottom and waiting_squared[place - 1] < value:
                 waiting_squared[place], waiting[place] = waiting_squared[place - 1], waiting[place - 1]
                 place -= 1
-            waiting_squared[place], waiting[place] = value, tree.children[node * FANOUT + child]
+            waiting_squared[place], waiting[place] = value, tree.children[row * FANOUT + child]
             top += 1
     charge(tree, visits)
     return best, found

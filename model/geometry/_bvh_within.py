@@ -6,7 +6,7 @@ from model._jit import jit, jit_allocating
 from model.geometry._bvh import FANOUT, Scratch, Tree, scratch
 from model.geometry._bvh_frames import near_leaf
 from model.geometry._bvh_lanes import lowest, near_boxes
-from model.geometry._bvh_lowest import require_made
+from model.geometry._bvh_lowest import row_of
 from model.geometry._bvh_query import charge
 from model.types import BoolArray, FloatArray, IntArray
 
@@ -42,13 +42,13 @@ def leaf_within(x: float, y: float, z: float, seed: int, limit: float, tree: Tre
             if near_leaf(~node, x, y, z, beyond, tree, leaf_squared):
                 found = ~node
             continue
-        require_made(node, tree, scratch)
-        bits = near_boxes(tree.boxes, node * 6 * FANOUT, x, y, z, beyond, child_squared)
+        row = row_of(node, tree, scratch)
+        bits = near_boxes(tree.boxes, row * 6 * FANOUT, x, y, z, beyond, child_squared)
         nearest, place = np.inf, top
         while bits:
             child = lowest(bits)
             bits &= bits - 1
-            waiting[top] = tree.children[node * FANOUT + child]
+            waiting[top] = tree.children[row * FANOUT + child]
             if child_squared[child] < nearest:
                 nearest, place = child_squared[child], top
             top += 1

@@ -3,7 +3,6 @@
 import numpy as np
 
 from model._jit import kernel_array
-from model._memory import sparse_zeros
 from model.errors import TooComplexError
 from model.geometry._bvh import FANOUT, LANES, ROWS, Tree
 from model.geometry._bvh_axes import tree_axes
@@ -165,6 +164,20 @@ def _built(
     boxes = np.empty(len(children) * 6)
     boxes[: len(top)] = top
     upper = len(top) // (6 * FANOUT)
-    made = np.zeros(len(cells), dtype=np.uint8)
-    frames, rounding = sparse_zeros(len(lanes) * ROWS), ROUNDING * float(max(vertices.max(), -vertices.min()))
-    return Tree(boxes, children, upper, cells, order, made, frames, lanes, vertices, faces, left, rounding), coincide
+    tree = Tree(
+        boxes,
+        children,
+        upper,
+        cells,
+        order,
+        np.zeros(len(cells), dtype=np.int32),
+        np.empty((len(lanes) // LANES + 1) * ROWS * LANES),
+        np.zeros(len(lanes) // LANES, dtype=np.int32),
+        np.array([upper, 1], dtype=np.int32),
+        lanes,
+        vertices,
+        faces,
+        left,
+        ROUNDING * float(max(vertices.max(), -vertices.min())),
+    )
+    return tree, coincide
