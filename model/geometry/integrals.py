@@ -85,6 +85,42 @@ def inertia_rotation(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return rotation
 
 
+def mean_normal(vertices: FloatArray, faces: IntArray) -> float:
+    """Length of the mean of a surface's unit normals, weighted by area: 0 for a closed one, 1 for a flat one."""
+    sums = np.zeros(4)
+    _normal_sums(kernel_array(vertices, np.float64), kernel_array(faces, np.int32), sums)
+    return float(np.linalg.norm(sums[:3]) / sums[3]) if sums[3] > 0.0 else 0.0
+
+
+@jit
+def _normal_sums(vertices: FloatArray, faces: IntArray, sums: FloatArray) -> None:
+    """Add the normals of faces, as long as twice their areas, and these lengths."""
+    count = faces.shape[0]
+    for first in range(0, count, _BLOCK):
+        sx, sy, sz, total = 0.0, 0.0, 0.0, 0.0
+        for face in range(first, min(first + _BLOCK, count)):
+            a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+            px, py, pz = (
+                vertices[b, 0] - vertices[a, 0],
+                vertices[b, 1] - vertices[a, 1],
+                vertices[b, 2] - vertices[a, 2],
+            )
+            qx, qy, qz = (
+                vertices[c, 0] - vertices[a, 0],
+                vertices[c, 1] - vertices[a, 1],
+                vertices[c, 2] - vertices[a, 2],
+            )
+            x, y, z = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+            sx += x
+            sy += y
+            sz += z
+            total += np.sqrt(x * x + y * y + z * z)
+        sums[0] += sx
+        sums[1] += sy
+        sums[2] += sz
+        sums[3] += total
+
+
 @jit
 def _bounds(vertices: FloatArray, faces: IntArray, used: AnyArray, box: FloatArray) -> None:
     """Mark the vertices that faces use, and find the box around them."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from model.geometry import _boundary_kernels as _kernels
 from model.geometry.edges import EdgeTable
+from model.geometry.integrals import mean_normal
 from model.geometry.normals import face_normals
 from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
@@ -55,7 +56,7 @@ class OpenBoundary:
         self.one_sidedness = 0.0
         if self.is_empty:
             return
-        self.one_sidedness = _mean_normal(vertices, faces)
+        self.one_sidedness = mean_normal(vertices, faces)
         self._normals = face_normals(surface.tree.vertices, faces)
         is_end = np.zeros(len(first), dtype=np.bool_)
         is_end[self._rims] = True
@@ -143,10 +144,3 @@ def _rims(edges: BoolArray, faces: IntArray, first: IntArray) -> AnyArray:
 
 def _unit(vectors: FloatArray) -> FloatArray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
-
-
-def _mean_normal(vertices: FloatArray, faces: IntArray) -> float:
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.sqrt(np.square(normals).sum(1)).sum()
-    return float(np.linalg.norm(normals.sum(0)) / area) if area > 0.0 else 0.0
