@@ -213,3 +213,18 @@ def test_directions_keep_their_length_where_coordinates_are_coarse(detector: Det
     assert found.planes
     for element in (*(plane.normal for plane in found.planes), *(axis.direction for axis in found.axes)):
         assert np.linalg.norm(element) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("faces_left_out", [0, 2])
+def test_faces_with_corners_of_their_own_are_one_surface(default: Detector, faces_left_out: int) -> None:
+    shared = to_mesh(CHAIR)
+    shared = Mesh.checked(shared.vertices, shared.faces[faces_left_out:])
+    own = Mesh.checked(shared.vertices[shared.faces.ravel()], np.arange(shared.faces.size).reshape(-1, 3))
+    expected, detection = default.detect(shared), default.detect(own)
+    assert detection.mesh is own
+    assert detection.point_group == expected.point_group
+    np.testing.assert_allclose(normals(detection), normals(expected), atol=1e-9)
+    for found in (expected, detection):
+        assert found.known_watertight is not None
+        assert found.watertight == shared.watertight
+    assert default.detect(own, mode="paper").watertight == shared.watertight

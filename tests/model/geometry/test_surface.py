@@ -201,6 +201,41 @@ def test_queries_run_in_several_threads_at_once():
     assert all(np.array_equal(a, b) for a, b in zip(expected, results, strict=True))
 
 
+def test_threads_that_meet_a_new_tree_make_each_part_of_it_once():
+    mesh = trimesh.creation.icosphere(subdivisions=5)
+    points = mesh.vertices[np.random.default_rng(18).permutation(len(mesh.vertices))] * 1.01
+    expected = SurfaceIndex(mesh.vertices, mesh.faces).squared_distances(points)
+    for _ in range(10):
+        index = SurfaceIndex(mesh.vertices, mesh.faces)
+        results = [np.empty(0)] * 4
+
+        def work(slot, index=index, results=results):
+            results[slot] = index.squared_distances(points)
+
+        threads = [threading.Thread(target=work, args=(slot,)) for slot in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert all(np.allclose(expected, result, rtol=1e-9, atol=1e-28) for result in results)
+        tree = index.tree
+        rows, frames = tree.row_of[tree.row_of > 0], tree.frames_of[tree.frames_of > 0]
+        assert sorted(rows) == list(range(tree.upper, tree.taken[0]))
+        assert sorted(frames) == list(range(1, tree.taken[1]))
+
+
+def test_queries_in_a_corner_make_little_of_the_tree():
+    mesh = trimesh.creation.icosphere(subdivisions=6)
+    index = SurfaceIndex(mesh.vertices, mesh.faces)
+    points = np.random.default_rng(19).uniform(0.5, 0.6, (2000, 3))
+    triangles = mesh.vertices[mesh.faces]
+    near = brute_force(points[:20], triangles[np.linalg.norm(triangles.mean(1) - 0.577, axis=1) < 0.3])
+    assert np.abs(np.sqrt(index.squared_distances(points)[:20]) - near).max() < 1e-13
+    tree = index.tree
+    assert 0 < tree.taken[1] < 0.1 * len(tree.frames_of)
+    assert 0 < tree.taken[0] - tree.upper < 0.1 * len(tree.row_of)
+
+
 def test_no_faces_and_no_points_are_errors():
     with pytest.raises(ValueError, match="face"):
         SurfaceIndex(np.zeros((3, 3)), np.empty((0, 3), dtype=np.int32))
