@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -43,7 +43,6 @@ from model.search.confidence import NAMES, is_certain, learned
 from model.search.context import SearchContext
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.exactness import ExactnessTest, clusters, resolution_of
-from model.search.facets import Facets
 from model.search.full import Found, Sources, find_symmetries
 from model.search.part import fits_better
 from model.search.prediction import guesses, likeliest
@@ -58,6 +57,13 @@ DIRECTION_STRIDE = 83
 """Vertices that are extreme in every so many-th direction of the scan, either way, are refined on too: at most 26."""
 
 ALL_SOURCES = Sources()
+
+
+class _Places(NamedTuple):
+    """For every vertex the first at its place, unit frame, and whether every edge then belongs to two faces."""
+
+    first: IntArray
+    all_paired: bool
 
 
 class Detector:
@@ -140,11 +146,11 @@ class Detector:
             found = self._paper(vertices, faces, max_error, timings)
         else:
             choice = LevelChoice(level, None if tolerance is None else tolerance / frame.scale)
-            found, facets = self._full(vertices, faces, resolution, max_error, choice, sources, timings)
+            found, places = self._full(vertices, faces, resolution, max_error, choice, sources, timings)
             mark = time.perf_counter()
-            notes = self._inside_warning(found, facets.first, vertices, faces, resolution, max_error, choice, sources)
-            if are_equal(own, facets.first):
-                watertight = facets.edges.all_paired
+            notes = self._inside_warning(found, places.first, vertices, faces, resolution, max_error, choice, sources)
+            if are_equal(own, places.first):
+                watertight = places.all_paired
             timings["validate"] += _since(mark)
         result = to_input(found, frame, mesh, resolution, max_error, timings, notes, watertight)
         timings["total"] = _since(started)
@@ -197,7 +203,7 @@ class Detector:
         choice: LevelChoice,
         sources: Sources,
         timings: dict[str, float],
-    ) -> tuple[Symmetries, Facets]:
+    ) -> tuple[Symmetries, "_Places"]:
         """What full mode answers, and what it has seen of the mesh."""
         context, network, found = self.search(vertices, faces, max_error, sources=sources, timings=timings)
         mark, asked = time.perf_counter(), timings["infer"]
@@ -213,7 +219,7 @@ class Detector:
         result.cut_short = cut_short
         timings["infer"] = asked if network is None else network.spent_ms
         timings["validate"] = _since(mark) - (timings["infer"] - asked)
-        return result, context.meter.facets
+        return result, _Places(context.meter.facets.first, context.meter.facets.edges.all_paired)
 
     def search(
         self,
