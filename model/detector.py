@@ -22,7 +22,7 @@ from model.formats.conversion import MeshLike, as_mesh
 from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import SurfaceSampler, extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
-from model.geometry.surface import SurfaceIndex
+from model.geometry.surface import SurfaceIndex, warm_up_cells
 from model.geometry.topology import are_equal, welded
 from model.meshes.bodies import inner_faces
 from model.meshes.mesh import Mesh
@@ -100,6 +100,7 @@ class Detector:
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
+        warm_up_cells(corners, faces)
         clusters(corners)  # of what breaks a symmetry, which nothing of this box does
         inner_faces(np.concatenate([corners, corners / 2.0 + 0.1]), np.concatenate([faces, faces + 8]))
         _ = mesh.bounds, mesh.area, mesh.watertight

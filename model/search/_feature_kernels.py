@@ -34,9 +34,8 @@ def feature_deviations(
 ) -> None:
     """Fill ``deviations`` and ``allowed`` ``(m,)`` for the images ``R (p - f) + f`` of points ``(m, 3)``.
 
-    What is allowed is found as far as it takes to see whether a deviation is.
-
-    ``coinciding`` ``(m,)``: the vertex that an image coincides with to ``base``, the ``first`` at its place, or -1.
+    What deviates by no more than ``base`` is allowed just that. ``coinciding`` ``(m,)``: the vertex that an image
+    coincides with to ``base``, the ``first`` at its place, or -1.
     """
     paper = scratch()
     image, place = np.empty(3), np.empty(3)
@@ -54,20 +53,18 @@ def feature_deviations(
         )
         seed = lane // LANES
         owner = tree.owners[lane]
-        deviations[i], allowed[i], coinciding[i] = np.sqrt(squared), base, -1
-        if deviations[i] > base:  # else no facet has to excuse it
-            sagitta = max(sagittas[i], of_face[owner])
-            if deviations[i] > base + slack * sagitta:
-                place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, tree)
-                sagitta = max(sagitta, _rim(place, tree.vertices, tree.faces[owner], at_vertex, on_edge))
-            allowed[i] += slack * sagitta
-        if deviations[i] <= 2.0 * base:  # no vertex is nearer than the surface, but for rounding
-            for k in range(3):
-                gap = 0.0
-                for a in range(3):
-                    gap += (image[a] - tree.vertices[tree.faces[owner, k], a]) ** 2
-                if gap <= base * base:
-                    coinciding[i] = first[tree.faces[owner, k]]
+        deviations[i], allowed[i] = np.sqrt(squared), base
+        if deviations[i] > base:  # else it may, whatever facets leave open
+            place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, tree)
+            rim = _rim(place, tree.vertices, tree.faces[owner], at_vertex, on_edge)
+            allowed[i] = base + slack * max(sagittas[i], of_face[owner], rim)
+        coinciding[i] = -1
+        for k in range(3):
+            gap = 0.0
+            for a in range(3):
+                gap += (image[a] - tree.vertices[tree.faces[owner, k], a]) ** 2
+            if gap <= base * base:
+                coinciding[i] = first[tree.faces[owner, k]]
 
 
 @jit
