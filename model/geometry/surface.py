@@ -157,9 +157,8 @@ def _built(
 ) -> tuple[Tree, bool]:
     """The tree over ``some`` of the faces, by their ``numbers`` among all, and whether many of them had one centre."""
     count, found = len(some), np.empty(7)
-    if survey(
-        vertices, some, found
-    ):  # split down to the leaves: that takes longer, and a query looks into a third less
+    if count <= _FEW or survey(vertices, some, found):
+        # Split down to the leaves: that takes longer, and queries look into fewer nodes.
         boxes, owners = references(vertices, some)
         top, children, order, leaves, coincide = split(boxes, LANES)
         order = owners[order]

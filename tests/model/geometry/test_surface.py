@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 import trimesh
 
+from model.geometry import surface
 from model.geometry._bvh_query import search
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
+
+
+@pytest.fixture(autouse=True, params=[0, 3_000], ids=["cells", "split"])
+def both_ways_to_build(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trees of small meshes are split down to the leaves; here also sorted into cells, as those of large ones are."""
+    monkeypatch.setattr(surface, "_FEW", request.param)
 
 
 def segment_distances(points, a, b):
