@@ -23,6 +23,7 @@ fit exactly and the others count as missing."""
 
 _COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
+_MOST_LOOKED_AT = 4
 _START_ANGLE = float(np.deg2rad(2.0))
 _MOST_STARTS, _CLOSE_STEPS, _CLOSE_SCALE = 24, 4, 0.03
 _UNPROMISING, _POOR = 2.5, 1.5
@@ -43,13 +44,30 @@ class RefinedCandidates:
     dropped_errors: FloatArray
 
 
-def refine_and_deduplicate(context: SearchContext, starts: Operations, beside: Operations) -> RefinedCandidates:
+def fits_whole(context: SearchContext, starts: Operations) -> bool:
+    """Whether one of the most promising starts, refined a little, takes the whole surface onto itself.
+
+    Nothing is excused as missing here: then nothing is.
+    """
+    settled = context.settled_on_voxels(starts)
+    errors = context.interpolated_errors(settled)
+    kept = distinct(settled, errors, _BASIN_ANGLE)[:_MOST_LOOKED_AT]
+    points = context.points(_COARSE_STRIDE)
+    refined = refine(context.surface, points, settled[kept], 3, scale=0.12, step_tolerance=1e-5)
+    squared = squared_distances(context.surface, context.samples.points[::_COARSE_STRIDE], refined)
+    return bool((squared.mean(1) <= context.settings.feature_precision**2).any())
+
+
+def refine_and_deduplicate(
+    context: SearchContext, starts: Operations, beside: Operations | None = None
+) -> RefinedCandidates:
     """Refine starts on the exact distance and keep the good ones, each once.
 
     Args:
         context: the shape.
         starts: may be some way off.
-        beside: more of them, for a surface part of which may be missing: they are tried where they are.
+        beside: more of them, where part of the surface may be missing, and None where it is not: there all are tried
+            where they are, too.
     """
     surface, max_error = context.surface, context.max_error
     few = context.samples.points[::_COARSE_STRIDE]
@@ -68,7 +86,7 @@ def refine_and_deduplicate(context: SearchContext, starts: Operations, beside: O
     drop(operations[kept[errors[kept] > _UNPROMISING]])
     operations = operations[kept[errors[kept] <= _UNPROMISING]]
     operations = refine(surface, context.points(_COARSE_STRIDE), operations, 3, scale=0.12, step_tolerance=1e-5)
-    if not context.meter.closed:
+    if beside is not None:
         operations = Operations.joined([operations, _refined_closely(context, Operations.joined([starts, beside]))])
     squared = squared_distances(surface, few, operations)
     errors = np.minimum(squared, cut).mean(1)

@@ -48,13 +48,14 @@ class Ladder:
     is round, at least roughly.
     """
 
-    def __init__(self, context: SearchContext, lines: FloatArray) -> None:
+    def __init__(self, context: SearchContext, lines: FloatArray, *, holed: bool) -> None:
         """Start with no symmetry; ``lines`` ``(k, 3)`` are directions through the centre that may be axes.
 
-        Where neither planes nor half turns are found, or part of the surface is not there, more are looked for: an axis
-        of odd order may be off the axes of inertia, which what is missing tilts, and so does a detail.
+        Where neither planes nor half turns are found, or the surface may be ``holed``, more are looked for: an axis of
+        odd order may be off the axes of inertia, which what is missing tilts, and so does a detail.
         """
         self._context = context
+        self._holed = holed
         self._lines = lines
         self._group = trivial()
         self._failed: dict[tuple[object, ...], float] = {}
@@ -81,9 +82,7 @@ class Ladder:
                 # The teeth of a gear, before facets of its bore let another order hold as roughly.
                 self._raise_order(min(settings.feature_precision, limit), nearly_round=True)
                 self._note()
-        if self._group.name in ("C1", "Ci") or (
-            not self._context.meter.closed and self._group.group.principal_order < 3
-        ):
+        if self._group.name in ("C1", "Ci") or (self._holed and self._group.group.principal_order < 3):
             self._lines = distinct_lines(np.concatenate([self._lines, self._context.odd_lines()]))
         for index in np.argsort(needed, kind="stable")[: int((needed <= limit).sum())].tolist():
             if self._context.is_spent:
