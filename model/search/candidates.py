@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model._jit import kernel_array
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine, squared_distances
 from model.geometry.surface import SurfaceIndex
+from model.search._distinct_kernels import keep_distinct
 from model.search.context import SearchContext
 from model.search.settings import DEFAULT
-from model.types import BoolArray, FloatArray
+from model.types import AnyArray, FloatArray
 
 _SAME_ANGLE, _SAME_DISTANCE = DEFAULT.same_angle, DEFAULT.same_distance
 
@@ -76,7 +78,7 @@ def refine_and_deduplicate(
     operations = context.settled_on_voxels(starts)
     errors = context.interpolated_errors(operations)
     # Of starts that came to rest at one place the best is enough.
-    kept = np.array(distinct(operations, errors, _BASIN_ANGLE), dtype=np.intp)
+    kept = distinct(operations, errors, _BASIN_ANGLE)
     cut = context.settings.truncation**2
 
     def drop(which: Operations) -> None:
@@ -112,7 +114,7 @@ def _refined_closely(context: SearchContext, starts: Operations) -> Operations:
     On the voxels, and as long as far images have a say, a missing part pulls even good starts away.
     """
     errors = context.interpolated_errors(starts)
-    kept = np.array(distinct(starts, errors, _START_ANGLE), dtype=np.intp)
+    kept = distinct(starts, errors, _START_ANGLE)
     kept = kept[errors[kept] <= _UNPROMISING][:_MOST_STARTS]
     points = context.points(_COARSE_STRIDE)
     return refine(context.surface, points, starts[kept], _CLOSE_STEPS, scale=_CLOSE_SCALE, step_tolerance=1e-5)
@@ -123,32 +125,21 @@ def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operatio
     return squared_distances(surface, samples, operations).mean(1)
 
 
-def distinct(operations: Operations, errors: FloatArray, angle: float = _SAME_ANGLE) -> list[int]:
+def distinct(operations: Operations, errors: FloatArray, angle: float = _SAME_ANGLE) -> AnyArray:
     """Indices, the best first, of operations that differ from every better one of their kind by an angle, radians."""
-    cosines, close = _compared(operations)
-    kept: list[int] = []
-    for index in np.argsort(errors, kind="stable").tolist():
-        unsettled = errors[index] > _MUCH_BETTER * errors[kept]
-        nearest = np.cos(np.where(unsettled, _BASIN_ANGLE, angle))
-        if not np.any(close[index, kept] & (cosines[index, kept] >= nearest)):
-            kept.append(index)
-    return kept
-
-
-def _compared(operations: Operations) -> tuple[FloatArray, BoolArray]:
-    """Cosines of the angles between elements, and which are of one kind and at one position: ``(k, k)`` both."""
-    directions, points, angles = operations.directions, operations.points, operations.angles
-    improper = operations.improper
-    inversion = improper & (angles > 3.0)
-    cosines = directions @ directions.T
-    gaps = points[:, None] - points[None]
-    along = np.einsum("ijk,ik->ij", gaps, directions)
-    length = np.square(gaps).sum(2)
-    beside = np.sqrt(np.maximum(length - np.square(along), 0.0))  # axes are compared by their distance
-    offsets = np.einsum("ij,ij->i", directions, points)
-    signs = np.where(cosines > 0.0, 1.0, -1.0)
-    shift: FloatArray = np.abs(offsets[:, None] - signs * offsets)  # planes by their offset
-    # Inversions have no direction.
-    apart = np.where(inversion[:, None], np.sqrt(length), np.where(improper[:, None], shift, beside))
-    kind = (improper[:, None] == improper[None]) & (np.abs(angles[:, None] - angles[None]) <= _SAME_ANGLE)
-    return np.where(inversion[:, None], 1.0, np.abs(cosines)), kind & (apart < _SAME_DISTANCE)
+    kept = np.empty(len(operations), dtype=np.int64)
+    count = keep_distinct(
+        kernel_array(operations.directions, np.float64),
+        kernel_array(operations.points, np.float64),
+        kernel_array(operations.angles, np.float64),
+        operations.improper,
+        kernel_array(errors, np.float64),
+        np.argsort(errors, kind="stable"),
+        _SAME_ANGLE,
+        _SAME_DISTANCE,
+        float(np.cos(angle)),
+        float(np.cos(_BASIN_ANGLE)),
+        _MUCH_BETTER,
+        kept,
+    )
+    return kept[:count]

@@ -131,7 +131,8 @@ def _lines(context: SearchContext, network: NetworkOutput | None, sources: Sourc
 def _roundness(context: SearchContext, line: FloatArray) -> tuple[FloatArray, FloatArray, bool, bool]:
     """An axis near ``line``, refined; whether the shape is round about it up to its facets, or at least roughly."""
     rotated = Operations.rotations(line, context.centre, ARBITRARY_ANGLES)
-    if context.scores(rotated).max() > context.settings.promising_axis:
+    promising = context.settings.promising_axis
+    if context.scores(rotated, promising).max() > promising:
         return line, context.centre, False, False
     axis = refine(context.surface, context.points(3), rotated[:1], 8, scale=0.05)
     direction, point = axis.directions[0], axis.points[0]
@@ -152,8 +153,8 @@ def _starts(
     if sources.inertia:
         normals.append(context.principal)
     if sources.scan:
-        mirrored, turned = context.grid.scan
         promising = settings.promising_holed if holed else settings.promising_plane
+        mirrored, turned = context.grid.scan(promising, settings.promising_axis)
         scanned = minima(mirrored, settings.most_planes, promising) @ context.rotation
         if len(round_lines) > 1:  # nearly a sphere: the scan sees nothing
             scanned = directions()[::_DIRECTION_STRIDE]

@@ -149,7 +149,7 @@ class Ladder:
     def _fitted(self, hypothesis: Hypothesis, tolerance: float) -> tuple[Hypothesis, float]:
         """A hypothesis where it fits best, and the tolerance it needs to be taken: infinite if it is not believed."""
         context = self._context
-        if context.scores(hypothesis.generators).max() > self._implausible:
+        if context.scores(hypothesis.generators, self._implausible).max() > self._implausible:
             return hypothesis, np.inf
         if not context.meter.closed:  # what is missing decides how it is fitted
             hypothesis = hypothesis.measured(context, stride=_GLANCE_STRIDE)
@@ -225,7 +225,8 @@ class Ladder:
 
     def _is_nearly_round(self, line: FloatArray) -> bool:
         rotations = Operations.rotations(line, self._group.centre, ARBITRARY_ANGLES)
-        return bool(self._context.scores(rotations).max() <= self._context.settings.promising_exact)
+        promising = self._context.settings.promising_exact
+        return bool(self._context.scores(rotations, promising).max() <= promising)
 
     def _raise_order_about(self, line: FloatArray, tolerance: float, *, past_facets: bool = False) -> bool:
         context, group = self._context, self._group
@@ -236,14 +237,14 @@ class Ladder:
             return False
         turns = 2.0 * np.pi / np.array([n for n in _SCREEN_ORDERS if order % n])
         starts = Operations.rotations(line, group.centre, turns)
-        scores = context.scores(starts)
+        closed, some = context.meter.closed, context.settings.promising_axis
+        promising = context.settings.promising_exact if closed else some
+        scores = context.scores(starts, promising)
         best = int(np.argmin(scores))
         precise = tolerance <= context.settings.modelling_precision
-        closed = context.meter.closed
-        promising = context.settings.promising_exact if closed else context.settings.promising_axis
         if scores[best] > promising:
             return False
-        primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= context.settings.promising_axis]
+        primes = PRIMES[context.scores(prime_rotations(line, group.centre), some) <= some]
         if order == 1 and primes.max(initial=2) == 2:
             return False  # half turns are candidates already
         direction, point = line, group.centre
@@ -345,7 +346,7 @@ class Ladder:
             if larger == "Ci":
                 context = self._context
                 inversion = Operations(np.eye(3)[:1], centre[None], np.array([np.pi]), np.ones(1, dtype=np.bool_))
-                if context.scores(inversion)[0] > self._implausible:
+                if context.scores(inversion, self._implausible)[0] > self._implausible:
                     self._needs(key, np.inf, tolerance)
                     continue
                 centre = refine(context.surface, context.points(3), inversion, 12).points[0]
