@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.geometry.refinement import refine
+from model.geometry.refinement import START_SCALE, refine
 from model.search import closure
 from model.search.axis_order import PRIMES, prime_rotations, rotation_order
 from model.search.context import SearchContext
@@ -59,6 +59,7 @@ class Ladder:
         self._lines = lines
         self._group = trivial()
         self._failed: dict[tuple[object, ...], float] = {}
+        self._known: dict[tuple[object, ...], Operations] = {}
         self.rungs: list[Hypothesis] = []
         self.round_lines: list[tuple[FloatArray, FloatArray]] = []
 
@@ -259,7 +260,7 @@ class Ladder:
         needed = np.inf
         for attempt, limit in enumerate(limits):
             if attempt == 1:
-                axis = refine(context.surface, context.points(3), starts[[best]], 8, scale=0.05)
+                axis = self._refined(starts[[best]], 8, 0.05)
                 direction, point = axis.directions[0], axis.points[0]
             found = rotation_order(
                 context.meter,
@@ -287,11 +288,19 @@ class Ladder:
             rotation = Operations.rotations(direction, point, angle)
             if suggestion is None and self._add(rotation, tolerance) <= tolerance:
                 return True
-            axis = refine(context.surface, context.points(3), rotation, 8, scale=0.02)
+            axis = self._refined(rotation, 8, 0.02)
             direction, point = axis.directions[0], axis.points[0]
         if len(tried) == len({order, 1}):
             self._needs(key, needed, limits[0])
         return False
+
+    def _refined(self, operation: Operations, steps: int, scale: float = START_SCALE) -> Operations:
+        """One operation, refined; the same one is asked for again at every tolerance."""
+        key = (*operation.key, steps, scale)
+        if key not in self._known:
+            context = self._context
+            self._known[key] = refine(context.surface, context.points(3), operation, steps, scale=scale)
+        return self._known[key]
 
     def _note_round(self, direction: FloatArray, point: FloatArray) -> None:
         """Keep a line about which the shape is round at least roughly, once."""
@@ -349,7 +358,7 @@ class Ladder:
                 if context.scores(inversion, self._implausible)[0] > self._implausible:
                     self._needs(key, np.inf, tolerance)
                     continue
-                centre = refine(context.surface, context.points(3), inversion, 12).points[0]
+                centre = self._refined(inversion, 12).points[0]
             yield Hypothesis(point_group(larger), frame, centre), key
         if order > 1 and name[0] in "CS" and not name.endswith("v"):
             yield from self._azimuths(tolerance)
