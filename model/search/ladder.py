@@ -27,7 +27,7 @@ _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
 _EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
 _ROUGH_ORDER = 12
 _LARGEST_CLOSED = 260
-_HOPELESS, _NEARLY = 4.0, 2.0
+_HOPELESS, _NEARLY, _BARELY = 4.0, 2.0, 0.8
 _GLANCE_STRIDE = 3
 _IMPLAUSIBLE_CLOSED, _IMPLAUSIBLE = 2.0, 4.0
 """Scores of voxels, see `SearchContext.scores`, above which a hypothesis is not measured, of closed and open surfaces:
@@ -157,7 +157,8 @@ class Ladder:
             if hypothesis.rms > _HOPELESS * context.limit:
                 return hypothesis, np.inf
         fitted = hypothesis.fitted(context)
-        if tolerance < fitted.rms <= _NEARLY * tolerance:
+        barely = _BARELY * context.settings.least_coverage <= fitted.coverage < context.settings.least_coverage
+        if barely or tolerance < fitted.rms <= _NEARLY * tolerance:
             fitted = fitted.measured(context, thoroughly=True)  # of few samples one may decide by chance
         # The first rough symmetry has no other to bear it out: it must not be one of many that do as well.
         rough = self._group.name == "C1" and fitted.rms > context.settings.feature_precision
