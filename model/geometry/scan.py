@@ -77,9 +77,7 @@ class DistanceGrid:
         """
         result, normals = np.empty(offsets.shape), directions()
         shifted = kernel_array(self.resolution * offsets - self._cells(np.zeros(3)) @ normals.T, np.float64)
-        _kernels.scan_planes(
-            normals, shifted, self._columns, self.squared.ravel(), len(self.squared), most, result
-        )
+        _kernels.scan_planes(normals, shifted, self._columns, self.squared.ravel(), len(self.squared), most, result)
         return result
 
     def score(self, operations: Operations, most: float = np.inf) -> FloatArray:

@@ -69,9 +69,7 @@ def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray
     return _proposals(planes, quaternions, [rotation])[0]
 
 
-def _heads(
-    checkpoint: Checkpoint, grids: Sequence[BoolArray], signs: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], signs: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Planes and quaternions ``(heads, views x frames, 4)``, those of a view in the frame of its voxels.
 
     ``signs`` ``(frames, 3)``: of the axes of each frame of a view.

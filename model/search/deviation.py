@@ -130,7 +130,7 @@ class DeviationMeter:
         return self._boundary.raggedness
 
     def measure(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
-        """Deviations of k operations at n samples of the surface, kept unless they are many: the same are asked for again.
+        """Deviations of k operations at n samples of the surface; unless they are many they are kept, to be told again.
 
         The arrays are not to be written to.
         """

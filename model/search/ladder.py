@@ -11,21 +11,18 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.geometry.refinement import START_SCALE, refine
-from model.search import closure
 from model.search.axis_order import PRIMES, prime_rotations, rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.lines import PARALLEL, common_point, distances_from, distinct_lines
-from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
-from model.search.supergroups import supergroups
+from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, point_group
+from model.search.supergroups import EXACT_ANGLE, ROUGH_ANGLE, generated, supergroups
 from model.search.tilting import tilted
 from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
 _AZIMUTHS, _BEST_AZIMUTHS = 32, 3
 _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
-_EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
-_ROUGH_ORDER = 12
 _LARGEST_CLOSED = 260
 _HOPELESS, _NEARLY, _BARELY = 4.0, 2.0, 0.8
 _GLANCE_STRIDE = 3
@@ -123,13 +120,11 @@ class Ladder:
         """
         group, settings = self._group, self._context.settings
         precise = tolerance <= settings.modelling_precision
-        angle = _EXACT_ANGLE if precise else _ROUGH_ANGLE
+        angle = EXACT_ANGLE if precise else ROUGH_ANGLE
         if group.contains(operation, angle, settings.same_distance)[0] or group.group.size > _LARGEST_CLOSED:
             return np.inf
-        matrices = np.concatenate([group.generators.matrices, operation.matrices])
-        grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle, snap=not precise)
-        identified = None if grown is None else identify(grown, angle)
         members = Operations.joined([group.generators, operation])
+        identified = generated(members, precise=precise)
         centre = common_point(members, group.centre)
         if identified is None or distances_from(members, centre).max() > settings.same_distance:
             return settings.growth * tolerance
