@@ -76,7 +76,7 @@ def middles_of_edges(
     middles: FloatArray,
     least: FloatArray,
 ) -> None:
-    """Fill ``middles`` ``(m, 3)`` of the ``chosen`` edges, and ``least`` ``(m,)``, the smaller sagitta of their ends."""
+    """Fill ``middles`` ``(m, 3)`` of the ``chosen`` edges and ``least`` ``(m,)``, the smaller sagitta of their ends."""
     for i in range(len(chosen)):
         a, b = ends[chosen[i], 0], ends[chosen[i], 1]
         for axis in range(3):
