@@ -19,6 +19,8 @@ import numpy as np
 from model.detection import Detection
 from model.errors import TooComplexError
 from model.formats.conversion import MeshLike, as_mesh
+from model.geometry._bvh_cells import sort_into_cells
+from model.geometry._bvh_references import references
 from model.geometry.integrals import principal_frame, unit_frame
 from model.geometry.sampling import SurfaceSampler, extreme_vertices, sample_surface
 from model.geometry.scan import DistanceGrid, directions
@@ -91,6 +93,7 @@ class Detector:
         for mode in ("full", "paper"):
             self.detect(mesh, mode=mode)
             self.detect(Mesh.checked(corners, faces[2:]), mode=mode)  # an open box takes other ways
+        sort_into_cells(references(corners, faces)[0])  # of large meshes
         clusters(corners)  # of what breaks a symmetry, which nothing of this box does
         inner_faces(np.concatenate([corners, corners / 2.0 + 0.1]), np.concatenate([faces, faces + 8]))
         _ = mesh.bounds, mesh.area, mesh.watertight

@@ -20,6 +20,9 @@ WORK = 40_000_000
 """Nodes and leaves of the tree that all queries together may look into: some two seconds of an idle core. Of 1,264
 meshes in full mode the median takes 0.26 millions, 1 % more than 2.2, and the one that costs most 10.7."""
 
+_FEW = 3_000
+"""Up to so many faces the queries of a detection cost more than building the tree."""
+
 
 class SurfaceIndex:
     """Closest-point queries against a triangle mesh of any quality.
@@ -153,7 +156,7 @@ class SurfaceIndex:
 def _built(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, IntArray, bool]:
     """Boxes, children and owners as in ``_bvh.Tree``, and whether many triangles had one centre."""
     boxes, owners, crowd = references(vertices, faces)
-    if crowd:  # split down to the leaves: that takes longer, and a query looks into up to a third less
+    if crowd or len(faces) <= _FEW:  # split down to the leaves: that takes longer, and queries look into fewer nodes
         nodes, children, order, cells, coincide = split(boxes.copy(), LANES)
     else:
         order, cells, cell_boxes, coincide = sort_into_cells(boxes)

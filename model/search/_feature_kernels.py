@@ -34,7 +34,8 @@ def feature_deviations(
 ) -> None:
     """Fill ``deviations`` and ``allowed`` ``(m,)`` for the images ``R (p - f) + f`` of points ``(m, 3)``.
 
-    ``coinciding`` ``(m,)``: the vertex that an image coincides with to ``base``, the ``first`` at its place, or -1.
+    What deviates by no more than ``base`` is allowed just that. ``coinciding`` ``(m,)``: the vertex that an image
+    coincides with to ``base``, the ``first`` at its place, or -1.
     """
     paper = scratch()
     image, place = np.empty(3), np.empty(3)
@@ -52,8 +53,11 @@ def feature_deviations(
         )
         seed = lane // LANES
         owner = tree.owners[lane]
-        place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, tree)
-        sagitta = max(sagittas[i], of_face[owner], _rim(place, tree.vertices, tree.faces[owner], at_vertex, on_edge))
+        deviations[i], allowed[i] = np.sqrt(squared), base
+        if deviations[i] > base:  # else it may, whatever facets leave open
+            place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, tree)
+            rim = _rim(place, tree.vertices, tree.faces[owner], at_vertex, on_edge)
+            allowed[i] = base + slack * max(sagittas[i], of_face[owner], rim)
         coinciding[i] = -1
         for k in range(3):
             gap = 0.0
@@ -61,7 +65,6 @@ def feature_deviations(
                 gap += (image[a] - tree.vertices[tree.faces[owner, k], a]) ** 2
             if gap <= base * base:
                 coinciding[i] = first[tree.faces[owner, k]]
-        deviations[i], allowed[i] = np.sqrt(squared), base + slack * sagitta
 
 
 @jit
