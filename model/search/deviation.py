@@ -18,7 +18,7 @@ from model.geometry.refinement import squared_distances
 from model.geometry.sampling import SurfaceSampler
 from model.geometry.surface import SurfaceIndex
 from model.search.facets import Facets
-from model.types import BoolArray, FloatArray, IntArray
+from model.types import BoolArray, ByteArray, FloatArray, IntArray
 
 _MOST_KEPT = 2_500
 """Deviations of one measurement that are kept."""
@@ -29,7 +29,7 @@ class Deviations:
     """Of k operations on n samples: ``squared`` deviations ``(k, n)``, and why the counterpart was ``unseen``."""
 
     squared: FloatArray
-    unseen: IntArray
+    unseen: ByteArray
 
     @property
     def missing(self) -> BoolArray:
@@ -144,5 +144,5 @@ class DeviationMeter:
     def _measured(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         if self.closed:
             squared = squared_distances(self.surface, samples.points, operations)
-            return Deviations(squared, np.zeros(squared.shape, dtype=np.int8))
+            return Deviations(squared, np.zeros(squared.shape, dtype=np.uint8))
         return Deviations(*self._boundary.distances(samples.points, samples.normals, operations, self._near))
