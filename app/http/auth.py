@@ -11,8 +11,10 @@ from app.schemas import KEY_HEADER
 HEADER = KEY_HEADER
 
 
-def require_key(request: Request) -> None:
+async def require_key(request: Request) -> None:
     """Pass when no keys are configured, or the request has one: ``X-API-Key``, or ``Authorization: Bearer``.
+
+    It waits for nothing; as a coroutine it is not sent to another thread.
 
     Raises:
         ProblemError: ``unauthorized`` (401).

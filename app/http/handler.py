@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Coroutine
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from fastapi import Request
@@ -105,7 +105,7 @@ def _job(runtime: Runtime, upload: Upload, wanted: dict[str, Any]) -> Job:
 
 async def _cached(request: Request, runtime: Runtime, upload: Upload, job: Job, peer: str, variant: str) -> Outcome:
     """The answer that was kept, or a new one, which is kept."""
-    question = answer_cache.digest(upload.digest, asdict(job), __version__, runtime.card.sha256)
+    question = answer_cache.digest(upload.digest, job.members, __version__, runtime.card.sha256)
     # Weak: the milliseconds in two answers to one question differ.
     etag = f'W/"{answer_cache.digest(question, variant)[:32]}"'
     if answer_cache.matches(etag, request.headers.get("if-none-match")):

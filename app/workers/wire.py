@@ -9,7 +9,7 @@ import json
 import os
 import socket
 import struct
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from app.schemas import Include, LevelName, Mode
@@ -66,6 +66,11 @@ class Job:
     tolerance: float | None = None
     parts: list[list[Any]] = field(default_factory=list[list[Any]])
 
+    @property
+    def members(self) -> dict[str, Any]:
+        """All of it by name, as JSON has it."""
+        return {name: getattr(self, name) for name in _MEMBERS}
+
     def files(self, data: bytes) -> tuple[bytes, dict[str, bytes]]:
         """The mesh, and by name the other files that came with it."""
         if not self.parts:
@@ -76,6 +81,9 @@ class Job:
             found[name] = data[at : at + size]
             at += size
         return found.pop(self.filename), found
+
+
+_MEMBERS = tuple(member.name for member in fields(Job))
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +149,15 @@ async def _exactly(connection: socket.socket, size: int) -> bytes:
 
 async def send_job(connection: socket.socket, job: Job, data: bytes | int) -> None:
     """A job with its file: bytes, or the descriptor of an open one."""
-    head = json_frame(JOB, asdict(job))
+    head = json_frame(JOB, job.members)
     if isinstance(data, int):
         # Far smaller than a socket's buffer, which is empty, because the worker is idle: this does not block.
         if socket.send_fds(connection, [head], [data]) != len(head):
             raise OSError("the worker does not take the job")
         return
-    await asyncio.get_running_loop().sock_sendall(connection, head + data)
+    loop = asyncio.get_running_loop()
+    await loop.sock_sendall(connection, head)
+    await loop.sock_sendall(connection, data)  # by itself: it is not copied
 
 
 # The other side: blocks.
@@ -182,11 +192,10 @@ def receive_file(connection: socket.socket, job: Job, descriptors: list[int]) ->
 
 
 def _read(connection: socket.socket, size: int) -> bytes:
-    buffer = bytearray(size)
-    view, at = memoryview(buffer), 0
-    while at < size:
-        received = connection.recv_into(view[at:])
-        if not received:
+    data = connection.recv(size, socket.MSG_WAITALL)  # at once, into what is returned: a file is not copied
+    while len(data) < size:  # a signal came in between
+        more = connection.recv(size - len(data), socket.MSG_WAITALL)
+        if not more:
             raise EOFError
-        at += received
-    return bytes(buffer)
+        data += more
+    return data

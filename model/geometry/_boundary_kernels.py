@@ -11,7 +11,7 @@ from model.geometry._bvh_frames import closest_on
 from model.geometry._bvh_query import nearest
 from model.geometry._bvh_within import leaf_within
 from model.geometry._operation_kernels import image_of
-from model.types import BoolArray, FloatArray, IntArray
+from model.types import BoolArray, ByteArray, FloatArray, IntArray
 
 MOST_UNSEEN = 200
 """So many unseen places that other operations led to are compared with."""
@@ -40,7 +40,7 @@ def find_missing(
     open_vertex: BoolArray,
     tree: Tree,
     squared: FloatArray,
-    unseen: IntArray,
+    unseen: ByteArray,
 ) -> None:
     """Fill ``squared`` ``(k, n)`` with squared distances of all images, and ``unseen`` ``(k, n)``: `SEEN` or why not.
 
@@ -116,7 +116,7 @@ def find_missing(
 
 
 @jit_allocating
-def _spread(images: FloatArray, squared: FloatArray, near: float, believed: BoolArray, unseen: IntArray) -> None:
+def _spread(images: FloatArray, squared: FloatArray, near: float, believed: BoolArray, unseen: ByteArray) -> None:
     """What lies nearer to a place that nobody saw than to any surface was not seen either.
 
     From deep within a hole the nearest surface may be another one than its rim. The unseen places are the same for all
@@ -127,7 +127,7 @@ def _spread(images: FloatArray, squared: FloatArray, near: float, believed: Bool
         for i in range(samples):
             count += believed[k] and unseen[k, i] != SEEN
     stride = max(1, -(-count // MOST_UNSEEN))
-    places, reasons = np.empty((-(-count // stride), 3)), np.empty(-(-count // stride), dtype=np.int8)
+    places, reasons = np.empty((-(-count // stride), 3)), np.empty(-(-count // stride), dtype=np.uint8)
     count = 0
     for k in range(squared.shape[0]):
         for i in range(samples):
@@ -160,7 +160,7 @@ def _reach(
     images: FloatArray,
     squared: FloatArray,
     near: float,
-    unseen: IntArray,
+    unseen: ByteArray,
     reached: IntArray,
     top: int,
 ) -> int:

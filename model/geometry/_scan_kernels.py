@@ -4,7 +4,10 @@ import numpy as np
 
 from model._jit import jit, jit_allocating, jit_inlined
 from model.geometry._operation_kernels import advance, linear_part
-from model.types import AnyArray, ByteArray, FloatArray
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray
+
+_AT_A_TIME = 32
+"""Points that are looked up before it is asked whether the rest matters."""
 
 
 @jit_inlined
@@ -24,13 +27,16 @@ def scan(
     centre: FloatArray,
     squared: ByteArray,
     size: int,
+    most_mirrored: float,
+    most_turned: float,
     mirrored: FloatArray,
     turned: FloatArray,
 ) -> None:
     """Scores in the padded grid of ``size`` cells a side, points ``(3, p)`` and centre in cells.
 
     A turn by pi is the reflection across the same direction, inverted: both cost one projection. The 32-bit integers
-    and the points in columns are for the vector unit: three times faster than without.
+    and the points in columns are for the vector unit: three times faster than without. Where both scores are known to
+    be larger than ``most_mirrored`` and ``most_turned``, how much larger is not found out.
     """
     cx, cy, cz = centre[0], centre[1], centre[2]
     side = np.int32(size)
@@ -38,19 +44,28 @@ def scan(
     for k in range(normals.shape[0]):
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
         total_mirrored, total_turned = np.int32(0), np.int32(0)
-        for i in range(count):
-            x, y, z = points[0, i] - cx, points[1, i] - cy, points[2, i] - cz
-            twice = 2.0 * (x * nx + y * ny + z * nz)
-            x, y, z = x - twice * nx, y - twice * ny, z - twice * nz
-            total_mirrored += _squared_at(squared, side, cx + x, cy + y, cz + z)
-            total_turned += _squared_at(squared, side, cx - x, cy - y, cz - z)
+        for first in range(0, count, _AT_A_TIME):
+            for i in range(first, min(first + _AT_A_TIME, count)):
+                x, y, z = points[0, i] - cx, points[1, i] - cy, points[2, i] - cz
+                twice = 2.0 * (x * nx + y * ny + z * nz)
+                x, y, z = x - twice * nx, y - twice * ny, z - twice * nz
+                total_mirrored += _squared_at(squared, side, cx + x, cy + y, cz + z)
+                total_turned += _squared_at(squared, side, cx - x, cy - y, cz - z)
+            if total_mirrored > most_mirrored * count and total_turned > most_turned * count:
+                break
         mirrored[k] = total_mirrored / count
         turned[k] = total_turned / count
 
 
 @jit
 def scan_planes(
-    normals: FloatArray, offsets: FloatArray, points: FloatArray, squared: ByteArray, size: int, result: FloatArray
+    normals: FloatArray,
+    offsets: FloatArray,
+    points: FloatArray,
+    squared: ByteArray,
+    size: int,
+    most: float,
+    result: FloatArray,
 ) -> None:
     """``result`` ``(m, k)`` of mirror planes with normals ``(k, 3)`` at offsets ``(m, k)``; otherwise as `scan`."""
     side = np.int32(size)
@@ -59,11 +74,33 @@ def scan_planes(
         for k in range(normals.shape[0]):
             nx, ny, nz, offset = normals[k, 0], normals[k, 1], normals[k, 2], offsets[m, k]
             total = np.int32(0)
-            for i in range(count):
-                x, y, z = points[0, i], points[1, i], points[2, i]
-                twice = 2.0 * (x * nx + y * ny + z * nz + offset)
-                total += _squared_at(squared, side, x - twice * nx, y - twice * ny, z - twice * nz)
+            for first in range(0, count, _AT_A_TIME):
+                for i in range(first, min(first + _AT_A_TIME, count)):
+                    x, y, z = points[0, i], points[1, i], points[2, i]
+                    twice = 2.0 * (x * nx + y * ny + z * nz + offset)
+                    total += _squared_at(squared, side, x - twice * nx, y - twice * ny, z - twice * nz)
+                if total > most * count:
+                    break
             result[m, k] = total / count
+
+
+@jit
+def lowest(scores: FloatArray, neighbours: AnyArray, largest: float, found: AnyArray) -> int:
+    """Fill ``found`` with the places whose score is up to ``largest`` and no neighbour's is lower: how many."""
+    count = 0
+    for k in range(scores.shape[0]):
+        score = scores[k]
+        if not score <= largest:
+            continue
+        best = True
+        for j in range(neighbours.shape[1]):
+            if scores[neighbours[k, j]] < score:
+                best = False
+                break
+        if best:
+            found[count] = k
+            count += 1
+    return count
 
 
 @jit
@@ -99,17 +136,44 @@ def _interpolated(distances: AnyArray, size: int, x: float, y: float, z: float) 
     )
 
 
-@jit
+@jit_allocating
 def score(
-    points: FloatArray, fixed: FloatArray, linear: FloatArray, squared: ByteArray, size: int, result: FloatArray
+    points: FloatArray,
+    directions: FloatArray,
+    places: FloatArray,
+    angles: FloatArray,
+    improper: BoolArray,
+    squared: ByteArray,
+    size: int,
+    most: float,
+    result: FloatArray,
 ) -> None:
-    """``result`` ``(k,)`` of the images of points in the padded grid of ``size`` cells a side, in cells."""
-    for k in range(linear.shape[0]):
-        total = 0
-        for i in range(points.shape[0]):
-            x, y, z = _image(points, i, fixed, linear, k, size - 1.0)
-            total += squared[(int(x) * size + int(y)) * size + int(z)]
-        result[k] = total / points.shape[0]
+    """``result`` ``(k,)`` of the images of points ``(3, p)`` in the padded grid of ``size`` cells a side, in cells.
+
+    The operations are given as in `model.geometry.operations.Operations`, in the axes of the grid, their points
+    ``places`` in cells. What is larger than ``most`` may be said to be less than it is.
+    """
+    linear = np.empty((1, 3, 3))
+    side = np.int32(size)
+    count = points.shape[1]
+    for k in range(directions.shape[0]):
+        along = -1.0 if improper[k] else 1.0
+        linear_part(directions[k, 0], directions[k, 1], directions[k, 2], angles[k], along, 0, linear)
+        fx, fy, fz = places[k, 0], places[k, 1], places[k, 2]
+        xx, xy, xz = linear[0, 0, 0], linear[0, 0, 1], linear[0, 0, 2]
+        yx, yy, yz = linear[0, 1, 0], linear[0, 1, 1], linear[0, 1, 2]
+        zx, zy, zz = linear[0, 2, 0], linear[0, 2, 1], linear[0, 2, 2]
+        total = np.int32(0)
+        for first in range(0, count, _AT_A_TIME):
+            for i in range(first, min(first + _AT_A_TIME, count)):
+                px, py, pz = points[0, i] - fx, points[1, i] - fy, points[2, i] - fz
+                x = xx * px + xy * py + xz * pz + fx
+                y = yx * px + yy * py + yz * pz + fy
+                z = zx * px + zy * py + zz * pz + fz
+                total += _squared_at(squared, side, x, y, z)
+            if total > most * count:
+                break
+        result[k] = total / count
 
 
 @jit

@@ -10,7 +10,7 @@ from model.geometry.integrals import mean_normal
 from model.geometry.normals import face_normals
 from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
-from model.types import AnyArray, BoolArray, FloatArray, IntArray
+from model.types import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 
 _PROBE = 5e-4
 """How far beyond an edge surface is looked for, unit frame."""
@@ -92,7 +92,7 @@ class OpenBoundary:
 
     def distances(
         self, points: FloatArray, normals: FloatArray, operations: Operations, near: float
-    ) -> tuple[FloatArray, IntArray]:
+    ) -> tuple[FloatArray, ByteArray]:
         """Squared distances of images from the surface, and why it was not seen where they lie: ``(k, n)`` both.
 
         `SEEN`, if it was; the others are in `model.geometry._boundary_kernels`.
@@ -110,7 +110,7 @@ class OpenBoundary:
         """
         surface = self._surface
         squared = np.empty((len(operations), len(points)))
-        unseen = np.zeros(squared.shape, dtype=np.int8)
+        unseen = np.zeros(squared.shape, dtype=np.uint8)
         linear = linear_parts(surface.to_tree(operations.directions), operations.angles, operations.improper)
         _kernels.find_missing(
             surface.to_tree(points),

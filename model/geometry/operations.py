@@ -61,6 +61,12 @@ class Operations:
         return Operations(self.directions[index], self.points[index], self.angles[index], self.improper[index])
 
     @property
+    def key(self) -> tuple[bytes, ...]:
+        """Equal for equal operations: to know by what was found about them before."""
+        parts = (self.directions, self.points, self.angles, self.improper)
+        return tuple(part.tobytes() for part in parts)
+
+    @property
     def matrices(self) -> FloatArray:
         """The linear parts ``(k, 3, 3)``, orthogonal."""
         return linear_parts(self.directions, self.angles, self.improper)

@@ -4,7 +4,7 @@ import numpy as np
 
 from model._jit import jit, kernel_array
 from model.errors import DegenerateMeshError
-from model.types import AnyArray, FloatArray, IntArray
+from model.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _LOOKED_AT = 20_000
 
@@ -58,10 +58,12 @@ def extreme_vertices(vertices: FloatArray, faces: IntArray, directions: FloatArr
     They are the corners and rims by which flat and angular shapes are told from their turned copies, and which hardly
     any sample of the surface hits. Of very large meshes only a part of the vertices is looked at.
     """
-    used = vertices[np.unique(faces.ravel()[:: max(1, faces.size // _LOOKED_AT)])]
+    vertices, looked_at = kernel_array(vertices, np.float64), faces.ravel()[:: max(1, faces.size // _LOOKED_AT)]
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[looked_at] = True
     farthest = np.empty(len(directions), dtype=np.int64)
-    _find_farthest(kernel_array(used, np.float64), kernel_array(directions, np.float64), farthest)
-    return used[np.unique(farthest)]
+    _find_farthest(vertices, used, kernel_array(directions, np.float64), farthest)
+    return vertices[np.unique(farthest)]
 
 
 @jit
@@ -118,12 +120,14 @@ def _draw(
 
 
 @jit
-def _find_farthest(points: FloatArray, directions: FloatArray, farthest: AnyArray) -> None:
-    """Fill ``farthest`` ``(d,)``: the first of the points that reach farthest in each direction."""
+def _find_farthest(points: FloatArray, used: BoolArray, directions: FloatArray, farthest: AnyArray) -> None:
+    """Fill ``farthest`` ``(d,)``: the first of the ``used`` points that reach farthest in each direction."""
     for direction in range(directions.shape[0]):
         x, y, z = directions[direction, 0], directions[direction, 1], directions[direction, 2]
         reach = -np.inf
         for point in range(points.shape[0]):
+            if not used[point]:
+                continue
             along = points[point, 0] * x + points[point, 1] * y + points[point, 2] * z
             if along > reach:
                 reach, farthest[direction] = along, point

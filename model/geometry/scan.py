@@ -49,29 +49,60 @@ class DistanceGrid:
         count = min(points, len(filled))
         self.points: FloatArray = np.ascontiguousarray(coordinates[np.arange(count) * len(filled) // count])
 
-    @cached_property
-    def scan(self) -> tuple[FloatArray, FloatArray]:
-        """Scores of all `directions` as normals of planes, and as two-fold axes, through the centre: ``(D,)`` each."""
+    def scan(self, most_mirrored: float = np.inf, most_turned: float = np.inf) -> tuple[FloatArray, FloatArray]:
+        """Scores of all `directions` as normals of planes, and as two-fold axes, through the centre: ``(D,)`` each.
+
+        Those larger than what is asked for, ``most_mirrored`` and ``most_turned``, may be said to be less than they
+        are, but still larger.
+        """
         mirrored, turned = np.empty(DIRECTIONS), np.empty(DIRECTIONS)
-        points = np.ascontiguousarray(self._cells(self.points).T)
-        centre = self._cells(self.centre)
-        _kernels.scan(directions(), points, centre, self.squared.ravel(), len(self.squared), mirrored, turned)
+        centre, squared = self._cells(self.centre), self.squared.ravel()
+        _kernels.scan(
+            directions(),
+            self._columns,
+            centre,
+            squared,
+            len(self.squared),
+            most_mirrored,
+            most_turned,
+            mirrored,
+            turned,
+        )
         return mirrored, turned
 
-    def scan_planes(self, offsets: FloatArray) -> FloatArray:
-        """Scores of all `directions` as normals of planes at offsets ``(m, D)``, ``n . x + offset = 0``: ``(m, D)``."""
+    def scan_planes(self, offsets: FloatArray, most: float = np.inf) -> FloatArray:
+        """Scores of all `directions` as normals of planes at offsets ``(m, D)``, ``n . x + offset = 0``: ``(m, D)``.
+
+        Those larger than ``most`` may be said to be less than they are, but still larger.
+        """
         result, normals = np.empty(offsets.shape), directions()
-        points = np.ascontiguousarray(self._cells(self.points).T)
         shifted = kernel_array(self.resolution * offsets - self._cells(np.zeros(3)) @ normals.T, np.float64)
-        _kernels.scan_planes(normals, shifted, points, self.squared.ravel(), len(self.squared), result)
+        _kernels.scan_planes(normals, shifted, self._columns, self.squared.ravel(), len(self.squared), most, result)
         return result
 
-    def score(self, operations: Operations) -> FloatArray:
-        """Mean squared distances, in voxels, of the points' images under operations in the grid's frame: ``(k,)``."""
+    def score(self, operations: Operations, most: float = np.inf) -> FloatArray:
+        """Mean squared distances, in voxels, of the points' images under operations in the grid's frame: ``(k,)``.
+
+        Those larger than ``most`` may be said to be less than they are, but still larger.
+        """
         result = np.empty(len(operations))
-        points, fixed = (kernel_array(self._cells(p), np.float64) for p in (self.points, operations.points))
-        _kernels.score(points, fixed, operations.matrices, self.squared.ravel(), len(self.squared), result)
+        _kernels.score(
+            self._columns,
+            kernel_array(operations.directions, np.float64),
+            kernel_array(self._cells(operations.points), np.float64),
+            kernel_array(operations.angles, np.float64),
+            operations.improper,
+            self.squared.ravel(),
+            len(self.squared),
+            most,
+            result,
+        )
         return result
+
+    @cached_property
+    def _columns(self) -> FloatArray:
+        """The points in cells, ``(3, p)``."""
+        return np.ascontiguousarray(self._cells(self.points).T)
 
     def interpolated_error(self, operations: Operations) -> FloatArray:
         """Mean squared distances, in voxels, of the points' images, interpolated between cells: ``(k,)``.
@@ -133,7 +164,7 @@ def _neighbours() -> AnyArray:
     """``(DIRECTIONS, 8)`` nearest other directions, opposite ones being the same."""
     cosines = np.abs(directions() @ directions().T)
     np.fill_diagonal(cosines, -1.0)
-    return np.argsort(-cosines, axis=1)[:, :_NEIGHBOURS]
+    return np.ascontiguousarray(np.argsort(-cosines, axis=1)[:, :_NEIGHBOURS])
 
 
 def minima(scores: FloatArray, count: int, largest: float = np.inf) -> FloatArray:
@@ -143,7 +174,8 @@ def minima(scores: FloatArray, count: int, largest: float = np.inf) -> FloatArra
 
 def lowest(scores: FloatArray, count: int, largest: float) -> AnyArray:
     """The same as indices of `directions`: ``(m,)``."""
-    candidates = np.flatnonzero((scores <= scores[_neighbours()].min(1)) & (scores <= largest))
+    found = np.empty(DIRECTIONS, dtype=np.int64)
+    candidates = found[: _kernels.lowest(kernel_array(scores, np.float64), _neighbours(), largest, found)]
     return candidates[np.argsort(scores[candidates], kind="stable")][:count]
 
 

@@ -1,6 +1,7 @@
 """What the network says of one shape, asked only when it is needed: little where all is there, more where it is not."""
 
 import time
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,11 +11,9 @@ from model.network.proposals import Proposals, predict_each, rotated_voxels
 from model.network.views import other_views
 from model.types import BoolArray, FloatArray, IntArray
 
-_FRAMES = 1
-"""Sign choices of the main frame: more found no more planes where the surface is closed (decision 5)."""
-
 _FRAMES_EACH = 2
-"""Sign choices of each view, where part of the surface is not there."""
+"""Sign choices of each view, where part of the surface is not there. Where it is closed, more than the first one of the
+main frame found no more planes (decision 5)."""
 
 
 class NetworkOutput:
@@ -39,8 +38,8 @@ class NetworkOutput:
 
     @cached_property
     def first(self) -> Proposals:
-        """What each head says of the main view, unit frame."""
-        return self._asked(self._rotation, _FRAMES)
+        """What each head says of the main view in the first sign frame, unit frame."""
+        return self._asked(self._rotation, slice(1))
 
     @cached_property
     def every(self) -> Proposals:
@@ -48,15 +47,21 @@ class NetworkOutput:
 
         Of a shape part of which is not there the answers differ, by a degree or altogether.
         """
+        frames = [self.first, self._asked(self._rotation, slice(1, _FRAMES_EACH))]
+        main = Proposals(
+            _interleaved([frame.planes for frame in frames]),
+            _interleaved([frame.directions for frame in frames]),
+            _interleaved([frame.angles for frame in frames]),
+        )
         # One view after the other: all in one batch hold three times the memory, and take as long.
-        views = [self._asked(turn, _FRAMES_EACH) for turn in (self._rotation, *other_views(self._rotation))]
+        views = [main, *(self._asked(turn, slice(_FRAMES_EACH)) for turn in other_views(self._rotation))]
         return Proposals(
             np.concatenate([view.planes for view in views]),
             np.concatenate([view.directions for view in views]),
             np.concatenate([view.angles for view in views]),
         )
 
-    def _asked(self, rotation: FloatArray, frames: int) -> Proposals:
+    def _asked(self, rotation: FloatArray, frames: slice) -> Proposals:
         mark = time.perf_counter()
         voxels = self._voxels
         if rotation is not self._rotation:
@@ -64,3 +69,8 @@ class NetworkOutput:
         answer = predict_each(self._checkpoint, voxels, rotation, frames)
         self.spent_ms += (time.perf_counter() - mark) * 1e3
         return answer
+
+
+def _interleaved(parts: Sequence[FloatArray]) -> FloatArray:
+    """Rows of several arrays ``(n, ...)`` in turn: of each head all frames, as `predict_each` gives them."""
+    return np.stack(parts, axis=1).reshape(-1, *parts[0].shape[1:])

@@ -56,22 +56,24 @@ def predict(checkpoint: Checkpoint, grids: Sequence[BoolArray], rotations: Seque
         rotations: from the unit frame to that of each view's voxels.
     """
     frames = checkpoint.input.sign_frames
-    seen = _heads(checkpoint, grids, frames)
+    seen = _heads(checkpoint, grids, _SIGNS[:frames])
     planes, quaternions = (values.reshape(len(values), len(grids), frames, 4) for values in seen)
     if frames > 1:
         planes, quaternions = _with_means(planes, _mean_planes), _with_means(quaternions, sign_free_mean)
     return _proposals(planes, quaternions, rotations)
 
 
-def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: int) -> Proposals:
-    """One batch of ``frames`` sign choices (at most 8), every head of each a proposal of its own, in the unit frame."""
-    planes, quaternions = (values[:, None] for values in _heads(checkpoint, [voxels], frames))
+def predict_each(checkpoint: Checkpoint, voxels: BoolArray, rotation: FloatArray, frames: slice) -> Proposals:
+    """One batch of some of the 8 sign choices, every head of each a proposal of its own, in the unit frame."""
+    planes, quaternions = (values[:, None] for values in _heads(checkpoint, [voxels], _SIGNS[frames]))
     return _proposals(planes, quaternions, [rotation])[0]
 
 
-def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], frames: int) -> tuple[FloatArray, FloatArray]:
-    """Planes and quaternions ``(heads, views x frames, 4)``, those of a view in the frame of its voxels."""
-    signs = _SIGNS[:frames]
+def _heads(checkpoint: Checkpoint, grids: Sequence[BoolArray], signs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Planes and quaternions ``(heads, views x frames, 4)``, those of a view in the frame of its voxels.
+
+    ``signs`` ``(frames, 3)``: of the axes of each frame of a view.
+    """
     outputs = checkpoint.compiled(*((grid, signs < 0) for grid in grids))
     planes, quaternions = (output.astype(np.float64).transpose(1, 0, 2).copy() for output in outputs)
     # Unit to seven digits as they come; their matrices are to be orthogonal to the last.

@@ -280,9 +280,12 @@ def _next_power(prime: int, known: int) -> int:
 
 def prime_rotations(direction: FloatArray, point: FloatArray) -> Operations:
     """A rotation for each of `PRIMES` about the axis through ``point`` ``(3,)`` along the unit ``direction``."""
-    return Operations.rotations(
-        direction, point, np.array([2.0 * np.pi * _multiples(n)[0] / n for n in PRIMES.tolist()])
-    )
+    return Operations.rotations(direction, point, _prime_angles())
+
+
+@lru_cache(maxsize=1)
+def _prime_angles() -> FloatArray:
+    return np.array([2.0 * np.pi * _multiples(n)[0] / n for n in PRIMES.tolist()])
 
 
 @lru_cache(maxsize=512)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model._jit import kernel_array
 from model.geometry.operations import Operations
 from model.geometry.refinement import refine, squared_distances
 from model.geometry.surface import SurfaceIndex
+from model.search._distinct_kernels import keep_distinct
 from model.search.context import SearchContext
 from model.search.settings import DEFAULT
-from model.types import BoolArray, FloatArray
+from model.types import AnyArray, FloatArray
 
 _SAME_ANGLE, _SAME_DISTANCE = DEFAULT.same_angle, DEFAULT.same_distance
 
@@ -23,6 +25,7 @@ fit exactly and the others count as missing."""
 
 _COARSE_STRIDE, _FINE_STRIDE = 6, 4
 _MOST_CANDIDATES = 24
+_MOST_LOOKED_AT = 4
 _START_ANGLE = float(np.deg2rad(2.0))
 _MOST_STARTS, _CLOSE_STEPS, _CLOSE_SCALE = 24, 4, 0.03
 _UNPROMISING, _POOR = 2.5, 1.5
@@ -43,13 +46,30 @@ class RefinedCandidates:
     dropped_errors: FloatArray
 
 
-def refine_and_deduplicate(context: SearchContext, starts: Operations, beside: Operations) -> RefinedCandidates:
+def fits_whole(context: SearchContext, starts: Operations) -> bool:
+    """Whether one of the most promising starts, refined a little, takes the whole surface onto itself.
+
+    Nothing is excused as missing here: then nothing is.
+    """
+    settled = context.settled_on_voxels(starts)
+    errors = context.interpolated_errors(settled)
+    kept = distinct(settled, errors, _BASIN_ANGLE)[:_MOST_LOOKED_AT]
+    points = context.points(_COARSE_STRIDE)
+    refined = refine(context.surface, points, settled[kept], 3, scale=0.12, step_tolerance=1e-5)
+    squared = squared_distances(context.surface, context.samples.points[::_COARSE_STRIDE], refined)
+    return bool((squared.mean(1) <= context.settings.feature_precision**2).any())
+
+
+def refine_and_deduplicate(
+    context: SearchContext, starts: Operations, beside: Operations | None = None
+) -> RefinedCandidates:
     """Refine starts on the exact distance and keep the good ones, each once.
 
     Args:
         context: the shape.
         starts: may be some way off.
-        beside: more of them, for a surface part of which may be missing: they are tried where they are.
+        beside: more of them, where part of the surface may be missing, and None where it is not: there all are tried
+            where they are, too.
     """
     surface, max_error = context.surface, context.max_error
     few = context.samples.points[::_COARSE_STRIDE]
@@ -58,7 +78,7 @@ def refine_and_deduplicate(context: SearchContext, starts: Operations, beside: O
     operations = context.settled_on_voxels(starts)
     errors = context.interpolated_errors(operations)
     # Of starts that came to rest at one place the best is enough.
-    kept = np.array(distinct(operations, errors, _BASIN_ANGLE), dtype=np.intp)
+    kept = distinct(operations, errors, _BASIN_ANGLE)
     cut = context.settings.truncation**2
 
     def drop(which: Operations) -> None:
@@ -68,7 +88,7 @@ def refine_and_deduplicate(context: SearchContext, starts: Operations, beside: O
     drop(operations[kept[errors[kept] > _UNPROMISING]])
     operations = operations[kept[errors[kept] <= _UNPROMISING]]
     operations = refine(surface, context.points(_COARSE_STRIDE), operations, 3, scale=0.12, step_tolerance=1e-5)
-    if not context.meter.closed:
+    if beside is not None:
         operations = Operations.joined([operations, _refined_closely(context, Operations.joined([starts, beside]))])
     squared = squared_distances(surface, few, operations)
     errors = np.minimum(squared, cut).mean(1)
@@ -94,7 +114,7 @@ def _refined_closely(context: SearchContext, starts: Operations) -> Operations:
     On the voxels, and as long as far images have a say, a missing part pulls even good starts away.
     """
     errors = context.interpolated_errors(starts)
-    kept = np.array(distinct(starts, errors, _START_ANGLE), dtype=np.intp)
+    kept = distinct(starts, errors, _START_ANGLE)
     kept = kept[errors[kept] <= _UNPROMISING][:_MOST_STARTS]
     points = context.points(_COARSE_STRIDE)
     return refine(context.surface, points, starts[kept], _CLOSE_STEPS, scale=_CLOSE_SCALE, step_tolerance=1e-5)
@@ -105,32 +125,21 @@ def mean_errors(surface: SurfaceIndex, samples: FloatArray, operations: Operatio
     return squared_distances(surface, samples, operations).mean(1)
 
 
-def distinct(operations: Operations, errors: FloatArray, angle: float = _SAME_ANGLE) -> list[int]:
+def distinct(operations: Operations, errors: FloatArray, angle: float = _SAME_ANGLE) -> AnyArray:
     """Indices, the best first, of operations that differ from every better one of their kind by an angle, radians."""
-    cosines, close = _compared(operations)
-    kept: list[int] = []
-    for index in np.argsort(errors, kind="stable").tolist():
-        unsettled = errors[index] > _MUCH_BETTER * errors[kept]
-        nearest = np.cos(np.where(unsettled, _BASIN_ANGLE, angle))
-        if not np.any(close[index, kept] & (cosines[index, kept] >= nearest)):
-            kept.append(index)
-    return kept
-
-
-def _compared(operations: Operations) -> tuple[FloatArray, BoolArray]:
-    """Cosines of the angles between elements, and which are of one kind and at one position: ``(k, k)`` both."""
-    directions, points, angles = operations.directions, operations.points, operations.angles
-    improper = operations.improper
-    inversion = improper & (angles > 3.0)
-    cosines = directions @ directions.T
-    gaps = points[:, None] - points[None]
-    along = np.einsum("ijk,ik->ij", gaps, directions)
-    length = np.square(gaps).sum(2)
-    beside = np.sqrt(np.maximum(length - np.square(along), 0.0))  # axes are compared by their distance
-    offsets = np.einsum("ij,ij->i", directions, points)
-    signs = np.where(cosines > 0.0, 1.0, -1.0)
-    shift: FloatArray = np.abs(offsets[:, None] - signs * offsets)  # planes by their offset
-    # Inversions have no direction.
-    apart = np.where(inversion[:, None], np.sqrt(length), np.where(improper[:, None], shift, beside))
-    kind = (improper[:, None] == improper[None]) & (np.abs(angles[:, None] - angles[None]) <= _SAME_ANGLE)
-    return np.where(inversion[:, None], 1.0, np.abs(cosines)), kind & (apart < _SAME_DISTANCE)
+    kept = np.empty(len(operations), dtype=np.int64)
+    count = keep_distinct(
+        kernel_array(operations.directions, np.float64),
+        kernel_array(operations.points, np.float64),
+        kernel_array(operations.angles, np.float64),
+        operations.improper,
+        kernel_array(errors, np.float64),
+        np.argsort(errors, kind="stable"),
+        _SAME_ANGLE,
+        _SAME_DISTANCE,
+        float(np.cos(angle)),
+        float(np.cos(_BASIN_ANGLE)),
+        _MUCH_BETTER,
+        kept,
+    )
+    return kept[:count]

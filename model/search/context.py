@@ -63,20 +63,20 @@ class SearchContext:
         """What to refine on: every so many-th sample, and all anchors."""
         return np.concatenate([self.samples.points[::stride], self.anchors])
 
-    def scores(self, operations: Operations) -> FloatArray:
-        """The voxel scan's score of arbitrary operations, in squared voxels: ``(k,)``."""
-        return self.grid.score(self._in_grid(operations))
+    def scores(self, operations: Operations, most: float = np.inf) -> FloatArray:
+        """The voxel scan's score of arbitrary operations, in squared voxels: ``(k,)``; see `DistanceGrid.score`."""
+        return self.grid.score(self._in_grid(operations), most)
 
     def odd_lines(self) -> FloatArray:
         """Directions through the centre that turns of odd orders about map the voxels onto themselves best: ``(k, 3)``.
 
         The angles are those next to half a turn; larger orders than these have one that is nearly the same.
         """
-        lines = directions()
+        lines, promising = directions(), self.settings.promising_axis
         found = [np.zeros((0, 3))]
         for angle in _ODD_ANGLES:
-            scores = self.grid.score(Operations.rotations(lines, self.grid.centre, angle))
-            found.append(minima(scores, _ODD_LINES, self.settings.promising_axis))
+            scores = self.grid.score(Operations.rotations(lines, self.grid.centre, angle), promising)
+            found.append(minima(scores, _ODD_LINES, promising))
         return np.concatenate(found) @ self.rotation
 
     def shifted_planes(self) -> FloatArray:
@@ -90,7 +90,8 @@ class SearchContext:
         shifts = np.array([[-2.0], [-1.0], [1.0], [2.0]]) * settings.shift - self.grid.centre @ lines.T
         offsets = np.concatenate([shifts, -(along.min(0) + along.max(0))[None] / 2.0])
         found = [np.zeros((0, 4))]
-        for each, scores in zip(offsets, self.grid.scan_planes(offsets), strict=True):
+        scanned = self.grid.scan_planes(offsets, settings.promising_holed)
+        for each, scores in zip(offsets, scanned, strict=True):
             best = lowest(scores, settings.most_planes, settings.promising_holed)
             found.append(np.column_stack([lines[best] @ self.rotation, each[best]]))
         return np.concatenate(found)

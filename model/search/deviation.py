@@ -18,7 +18,10 @@ from model.geometry.refinement import squared_distances
 from model.geometry.sampling import SurfaceSampler
 from model.geometry.surface import SurfaceIndex
 from model.search.facets import Facets
-from model.types import BoolArray, FloatArray, IntArray
+from model.types import BoolArray, ByteArray, FloatArray, IntArray
+
+_MOST_KEPT = 2_500
+"""Deviations of one measurement that are kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +29,7 @@ class Deviations:
     """Of k operations on n samples: ``squared`` deviations ``(k, n)``, and why the counterpart was ``unseen``."""
 
     squared: FloatArray
-    unseen: IntArray
+    unseen: ByteArray
 
     @property
     def missing(self) -> BoolArray:
@@ -85,6 +88,11 @@ class SurfaceSamples:
         arm = self.points - point
         return float(np.sqrt(np.square(arm - np.outer(arm @ direction, direction)).sum(1).max()))
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What tells these samples from all others that exist."""
+        return self.points.__array_interface__["data"][0], *self.points.strides, len(self.points)
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -104,6 +112,7 @@ class DeviationMeter:
         self.facets = Facets(vertices, faces)
         self._boundary = OpenBoundary(surface, vertices, faces, self.facets.first, self.facets.edges)
         self._near = near
+        self._known: dict[tuple[object, ...], tuple[FloatArray, Deviations]] = {}
 
     @property
     def closed(self) -> bool:
@@ -121,8 +130,19 @@ class DeviationMeter:
         return self._boundary.raggedness
 
     def measure(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
-        """Deviations of k operations at n samples of the surface."""
+        """Deviations of k operations at n samples of the surface; unless they are many they are kept, to be told again.
+
+        The arrays are not to be written to.
+        """
+        if len(operations) * len(samples) > _MOST_KEPT:
+            return self._measured(operations, samples)
+        key = (*operations.key, *samples.key)
+        if key not in self._known:  # while the samples are kept, no others are where they are
+            self._known[key] = samples.points, self._measured(operations, samples)
+        return self._known[key][1]
+
+    def _measured(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         if self.closed:
             squared = squared_distances(self.surface, samples.points, operations)
-            return Deviations(squared, np.zeros(squared.shape, dtype=np.int8))
+            return Deviations(squared, np.zeros(squared.shape, dtype=np.uint8))
         return Deviations(*self._boundary.distances(samples.points, samples.normals, operations, self._near))

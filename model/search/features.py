@@ -9,6 +9,7 @@ from model._jit import kernel_array
 from model.geometry._morton import morton_order
 from model.geometry.operations import Operations, linear_parts
 from model.geometry.surface import SurfaceIndex
+from model.search import _look_kernels as _kernels
 from model.search._feature_kernels import feature_deviations
 from model.search.facets import Facets
 from model.types import BoolArray, FloatArray, IntArray
@@ -60,8 +61,8 @@ class Features:
         self._surface, self._facets, self._allowed = surface, facets, allowed
         self._vertices, self._first = facets.vertices, facets.first
         stride = -(-len(facets.faces) // _MOST_FACES)
-        centroids = surface.to_tree(facets.vertices[facets.faces[::stride]].mean(1))
-        self._chosen = np.arange(0, len(facets.faces), stride, dtype=np.int32)[morton_order(centroids)]
+        self._chosen = np.arange(0, len(facets.faces), stride, dtype=np.int32)
+        self._chosen = self._chosen[morton_order(surface.to_tree(self._middles(self._chosen)))]
 
     def look(self, operation: Operations, stride: int = 1) -> Look:
         """What one operation (a batch of one) does to the features; to part of them where that says enough.
@@ -118,25 +119,32 @@ class Features:
         of_face, at_vertex = self._facets.sagittas
         return kernel_array(self._first, np.int32), kernel_array(of_face, np.float64), at_vertex
 
+    def _middles(self, faces: IntArray) -> FloatArray:
+        middles = np.empty((len(faces), 3))
+        of_all = kernel_array(self._facets.faces, np.int32)
+        _kernels.middles_of_faces(kernel_array(self._vertices, np.float64), of_all, faces, middles)
+        return middles
+
     def _corners_of(self, faces: IntArray) -> IntArray:
         """The vertices of some faces, each once, in the order in which the faces have them."""
-        corners = self._first[self._facets.faces[faces]].ravel()
-        _, at = np.unique(corners, return_index=True)
-        return np.asarray(corners[np.sort(at)])
+        corners = np.empty(3 * len(faces), dtype=np.int32)
+        of_all, first = kernel_array(self._facets.faces, np.int32), kernel_array(self._first, np.int32)
+        return corners[: _kernels.corners_of_faces(first, of_all, faces, corners)]
 
     def _at_vertices(self, corners: IntArray, operation: Operations) -> Look:
         return self.measure(self._vertices[corners], self._facets.sagittas[1][corners], operation)
 
     def _at_faces(self, faces: IntArray, operation: Operations) -> Look:
-        middles = self._vertices[self._facets.faces[faces]].mean(1)
-        return self.measure(middles, self._facets.sagittas[0][faces], operation)
+        return self.measure(self._middles(faces), self._facets.sagittas[0][faces], operation)
 
     def _at_edges(self, faces: IntArray, image: IntArray, operation: Operations) -> Look:
         """At the middles of edges that do not go to an edge, by the ``image`` of each vertex ``(v,)``."""
-        corners = self._first[self._facets.faces[faces]]
-        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        ends = ends[~self._facets.edges.are_edges(image[ends])]
-        low, high = np.minimum(ends[:, 0], ends[:, 1]), np.maximum(ends[:, 0], ends[:, 1])
-        _, once = np.unique(low.astype(np.int64) * len(self._vertices) + high, return_index=True)
-        ends = ends[np.sort(once)]
-        return self.measure(self._vertices[ends].mean(1), self._facets.sagittas[1][ends].min(1), operation)
+        ends = np.empty((3 * len(faces), 2), dtype=np.int32)
+        of_all, first = kernel_array(self._facets.faces, np.int32), kernel_array(self._first, np.int32)
+        _kernels.ends_of_edges(first, of_all, faces, ends)
+        kept = np.empty(len(ends), dtype=np.int32)
+        kept = kept[: _kernels.different_edges(ends, self._facets.edges.are_edges(image[ends]), kept)]
+        middles, least = np.empty((len(kept), 3)), np.empty(len(kept))
+        vertices, at_vertex = kernel_array(self._vertices, np.float64), self._facets.sagittas[1]
+        _kernels.middles_of_edges(vertices, ends, kept, kernel_array(at_vertex, np.float64), middles, least)
+        return self.measure(middles, least, operation)

@@ -14,7 +14,7 @@ from model.geometry.refinement import refine
 from model.geometry.scan import directions, minima
 from model.network.output import NetworkOutput
 from model.search.axis_order import roundness
-from model.search.candidates import RefinedCandidates, refine_and_deduplicate
+from model.search.candidates import RefinedCandidates, fits_whole, refine_and_deduplicate
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
 from model.search.ladder import Ladder
@@ -26,6 +26,10 @@ from model.types import FloatArray
 _MOST_THROUGH_ROUND = 3
 _DIRECTION_STRIDE = 5
 _ALONG = float(np.sin(np.deg2rad(8.0)))
+
+_TORN, _ONE_SIDED = 0.03, 0.25
+"""Of an open surface: the part of its rims that zigzags, above which something may have been torn off, and the length
+of its mean normal, above which only one side of it may have been seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +63,8 @@ def find_symmetries(context: SearchContext, network: NetworkOutput | None, sourc
         network: what the network says, asked where ``sources`` says so.
         sources: of candidates.
     """
-    lines = _lines(context, network, sources)
+    holed = not context.meter.closed and not _is_whole(context, sources)
+    lines = _lines(context, network, sources, holed)
     nearly_round: list[tuple[FloatArray, FloatArray]] = []
     for line in lines:
         direction, point, exact, rough = _roundness(context, line)
@@ -69,9 +74,9 @@ def find_symmetries(context: SearchContext, network: NetworkOutput | None, sourc
                 return _found(levels)
         if rough:
             nearly_round.append((direction, point))
-    starts = _starts(context, network, sources, [direction for direction, _ in nearly_round])
-    refined = refine_and_deduplicate(context, starts, _starts_beside(context, sources))
-    ladder = Ladder(context, lines)
+    starts = _starts(context, network, sources, [direction for direction, _ in nearly_round], holed)
+    refined = refine_and_deduplicate(context, starts, _starts_beside(context, sources) if holed else None)
+    ladder = Ladder(context, lines, holed=holed)
     ladder.climb(refined.operations, refined.rms)
     ladder.extend_roughly()
     continuous: list[Hypothesis] = []
@@ -93,20 +98,32 @@ def _found(
     return Found(distinct, refined.operations, refined.rms, refined.dropped, refined.dropped_errors)
 
 
-def _starts_from_network(context: SearchContext, sources: Sources) -> bool:
-    """Whether the network's answers may change what is found: of a closed surface the other two find all it would.
+def _is_whole(context: SearchContext, sources: Sources) -> bool:
+    """Whether an open surface is as somebody drew it: rims that nobody tore, and a symmetry of all that is there.
+
+    A part that was missing would leave a ragged rim, and hardly ever a symmetry without it. Then nothing is looked for
+    that only what is missing could hide.
+    """
+    meter = context.meter
+    if not sources.scan or meter.raggedness > _TORN or meter.one_sidedness > _ONE_SIDED:
+        return False
+    return fits_whole(context, _starts(context, None, sources, [], holed=False))
+
+
+def _starts_from_network(sources: Sources, holed: bool) -> bool:
+    """Whether the network's answers may change what is found: where nothing is missing the other two find all it would.
 
     Then it is not waited for, unless something inexact is to be judged.
     """
-    return sources.network and not (context.meter.closed and sources.inertia and sources.scan)
+    return sources.network and (holed or not (sources.inertia and sources.scan))
 
 
-def _lines(context: SearchContext, network: NetworkOutput | None, sources: Sources) -> FloatArray:
+def _lines(context: SearchContext, network: NetworkOutput | None, sources: Sources, holed: bool) -> FloatArray:
     """Directions through the centre that may be axes of high order: ``(k, 3)``, each once."""
     candidates = [np.zeros((0, 3))]
     if sources.inertia:
         candidates.append(context.principal)
-    if network is not None and _starts_from_network(context, sources):
+    if network is not None and _starts_from_network(sources, holed):
         candidates.append(network.first.directions)
     return distinct_lines(np.concatenate(candidates))
 
@@ -114,7 +131,8 @@ def _lines(context: SearchContext, network: NetworkOutput | None, sources: Sourc
 def _roundness(context: SearchContext, line: FloatArray) -> tuple[FloatArray, FloatArray, bool, bool]:
     """An axis near ``line``, refined; whether the shape is round about it up to its facets, or at least roughly."""
     rotated = Operations.rotations(line, context.centre, ARBITRARY_ANGLES)
-    if context.scores(rotated).max() > context.settings.promising_axis:
+    promising = context.settings.promising_axis
+    if context.scores(rotated, promising).max() > promising:
         return line, context.centre, False, False
     axis = refine(context.surface, context.points(3), rotated[:1], 8, scale=0.05)
     direction, point = axis.directions[0], axis.points[0]
@@ -123,7 +141,11 @@ def _roundness(context: SearchContext, line: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _starts(
-    context: SearchContext, network: NetworkOutput | None, sources: Sources, round_lines: list[FloatArray]
+    context: SearchContext,
+    network: NetworkOutput | None,
+    sources: Sources,
+    round_lines: list[FloatArray],
+    holed: bool,
 ) -> Operations:
     settings = context.settings
     normals: list[FloatArray] = [np.zeros((0, 3))]
@@ -131,8 +153,8 @@ def _starts(
     if sources.inertia:
         normals.append(context.principal)
     if sources.scan:
-        mirrored, turned = context.grid.scan
-        promising = settings.promising_plane if context.meter.closed else settings.promising_holed
+        promising = settings.promising_holed if holed else settings.promising_plane
+        mirrored, turned = context.grid.scan(promising, settings.promising_axis)
         scanned = minima(mirrored, settings.most_planes, promising) @ context.rotation
         if len(round_lines) > 1:  # nearly a sphere: the scan sees nothing
             scanned = directions()[::_DIRECTION_STRIDE]
@@ -143,15 +165,15 @@ def _starts(
         halves.append(minima(turned, settings.most_axes, settings.promising_axis) @ context.rotation)
     rows = np.concatenate(normals)
     planes = np.column_stack([rows, -rows @ context.centre])
-    if network is not None and _starts_from_network(context, sources):
+    if network is not None and _starts_from_network(sources, holed):
         # What is missing tilts the inertia frame and hides planes from the scan: other views see more.
-        proposals = network.first if context.meter.closed else network.every
+        proposals = network.every if holed else network.first
         planes = np.concatenate([proposals.planes, planes])
     turns = Operations.rotations(np.concatenate(halves), context.centre, np.pi)
     return Operations.joined([Operations.reflections(planes), turns])
 
 
 def _starts_beside(context: SearchContext, sources: Sources) -> Operations:
-    """Planes of an open surface that do not pass through the centre of what is there."""
-    shifted = context.shifted_planes() if sources.scan and not context.meter.closed else np.zeros((0, 4))
+    """Planes that do not pass through the centre of what is there, where something is missing."""
+    shifted = context.shifted_planes() if sources.scan else np.zeros((0, 4))
     return Operations.reflections(shifted)

@@ -10,24 +10,21 @@ from collections.abc import Iterator
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.geometry.refinement import refine
-from model.search import closure
+from model.geometry.refinement import START_SCALE, refine
 from model.search.axis_order import PRIMES, prime_rotations, rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.lines import PARALLEL, common_point, distances_from, distinct_lines
-from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, identify, point_group
-from model.search.supergroups import supergroups
+from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, point_group
+from model.search.supergroups import EXACT_ANGLE, ROUGH_ANGLE, generated, supergroups
 from model.search.tilting import tilted
 from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
 _AZIMUTHS, _BEST_AZIMUTHS = 32, 3
 _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
-_EXACT_ANGLE, _ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
-_ROUGH_ORDER = 12
 _LARGEST_CLOSED = 260
-_HOPELESS, _NEARLY = 4.0, 2.0
+_HOPELESS, _NEARLY, _BARELY = 4.0, 2.0, 0.8
 _GLANCE_STRIDE = 3
 _IMPLAUSIBLE_CLOSED, _IMPLAUSIBLE = 2.0, 4.0
 """Scores of voxels, see `SearchContext.scores`, above which a hypothesis is not measured, of closed and open surfaces:
@@ -48,16 +45,18 @@ class Ladder:
     is round, at least roughly.
     """
 
-    def __init__(self, context: SearchContext, lines: FloatArray) -> None:
+    def __init__(self, context: SearchContext, lines: FloatArray, *, holed: bool) -> None:
         """Start with no symmetry; ``lines`` ``(k, 3)`` are directions through the centre that may be axes.
 
-        Where neither planes nor half turns are found, or part of the surface is not there, more are looked for: an axis
-        of odd order may be off the axes of inertia, which what is missing tilts, and so does a detail.
+        Where neither planes nor half turns are found, or the surface may be ``holed``, more are looked for: an axis of
+        odd order may be off the axes of inertia, which what is missing tilts, and so does a detail.
         """
         self._context = context
+        self._holed = holed
         self._lines = lines
         self._group = trivial()
         self._failed: dict[tuple[object, ...], float] = {}
+        self._known: dict[tuple[object, ...], Operations] = {}
         self.rungs: list[Hypothesis] = []
         self.round_lines: list[tuple[FloatArray, FloatArray]] = []
 
@@ -81,9 +80,7 @@ class Ladder:
                 # The teeth of a gear, before facets of its bore let another order hold as roughly.
                 self._raise_order(min(settings.feature_precision, limit), nearly_round=True)
                 self._note()
-        if self._group.name in ("C1", "Ci") or (
-            not self._context.meter.closed and self._group.group.principal_order < 3
-        ):
+        if self._group.name in ("C1", "Ci") or (self._holed and self._group.group.principal_order < 3):
             self._lines = distinct_lines(np.concatenate([self._lines, self._context.odd_lines()]))
         for index in np.argsort(needed, kind="stable")[: int((needed <= limit).sum())].tolist():
             if self._context.is_spent:
@@ -123,13 +120,11 @@ class Ladder:
         """
         group, settings = self._group, self._context.settings
         precise = tolerance <= settings.modelling_precision
-        angle = _EXACT_ANGLE if precise else _ROUGH_ANGLE
+        angle = EXACT_ANGLE if precise else ROUGH_ANGLE
         if group.contains(operation, angle, settings.same_distance)[0] or group.group.size > _LARGEST_CLOSED:
             return np.inf
-        matrices = np.concatenate([group.generators.matrices, operation.matrices])
-        grown = closure.closure(matrices, closure.LARGEST if precise else _ROUGH_ORDER, angle, snap=not precise)
-        identified = None if grown is None else identify(grown, angle)
         members = Operations.joined([group.generators, operation])
+        identified = generated(members, precise=precise)
         centre = common_point(members, group.centre)
         if identified is None or distances_from(members, centre).max() > settings.same_distance:
             return settings.growth * tolerance
@@ -150,14 +145,15 @@ class Ladder:
     def _fitted(self, hypothesis: Hypothesis, tolerance: float) -> tuple[Hypothesis, float]:
         """A hypothesis where it fits best, and the tolerance it needs to be taken: infinite if it is not believed."""
         context = self._context
-        if context.scores(hypothesis.generators).max() > self._implausible:
+        if context.scores(hypothesis.generators, self._implausible).max() > self._implausible:
             return hypothesis, np.inf
         if not context.meter.closed:  # what is missing decides how it is fitted
             hypothesis = hypothesis.measured(context, stride=_GLANCE_STRIDE)
             if hypothesis.rms > _HOPELESS * context.limit:
                 return hypothesis, np.inf
         fitted = hypothesis.fitted(context)
-        if tolerance < fitted.rms <= _NEARLY * tolerance:
+        barely = _BARELY * context.settings.least_coverage <= fitted.coverage < context.settings.least_coverage
+        if barely or tolerance < fitted.rms <= _NEARLY * tolerance:
             fitted = fitted.measured(context, thoroughly=True)  # of few samples one may decide by chance
         # The first rough symmetry has no other to bear it out: it must not be one of many that do as well.
         rough = self._group.name == "C1" and fitted.rms > context.settings.feature_precision
@@ -226,7 +222,8 @@ class Ladder:
 
     def _is_nearly_round(self, line: FloatArray) -> bool:
         rotations = Operations.rotations(line, self._group.centre, ARBITRARY_ANGLES)
-        return bool(self._context.scores(rotations).max() <= self._context.settings.promising_exact)
+        promising = self._context.settings.promising_exact
+        return bool(self._context.scores(rotations, promising).max() <= promising)
 
     def _raise_order_about(self, line: FloatArray, tolerance: float, *, past_facets: bool = False) -> bool:
         context, group = self._context, self._group
@@ -237,14 +234,14 @@ class Ladder:
             return False
         turns = 2.0 * np.pi / np.array([n for n in _SCREEN_ORDERS if order % n])
         starts = Operations.rotations(line, group.centre, turns)
-        scores = context.scores(starts)
+        closed, some = context.meter.closed, context.settings.promising_axis
+        promising = context.settings.promising_exact if closed else some
+        scores = context.scores(starts, promising)
         best = int(np.argmin(scores))
         precise = tolerance <= context.settings.modelling_precision
-        closed = context.meter.closed
-        promising = context.settings.promising_exact if closed else context.settings.promising_axis
         if scores[best] > promising:
             return False
-        primes = PRIMES[context.scores(prime_rotations(line, group.centre)) <= context.settings.promising_axis]
+        primes = PRIMES[context.scores(prime_rotations(line, group.centre), some) <= some]
         if order == 1 and primes.max(initial=2) == 2:
             return False  # half turns are candidates already
         direction, point = line, group.centre
@@ -259,7 +256,7 @@ class Ladder:
         needed = np.inf
         for attempt, limit in enumerate(limits):
             if attempt == 1:
-                axis = refine(context.surface, context.points(3), starts[[best]], 8, scale=0.05)
+                axis = self._refined(starts[[best]], 8, 0.05)
                 direction, point = axis.directions[0], axis.points[0]
             found = rotation_order(
                 context.meter,
@@ -287,11 +284,19 @@ class Ladder:
             rotation = Operations.rotations(direction, point, angle)
             if suggestion is None and self._add(rotation, tolerance) <= tolerance:
                 return True
-            axis = refine(context.surface, context.points(3), rotation, 8, scale=0.02)
+            axis = self._refined(rotation, 8, 0.02)
             direction, point = axis.directions[0], axis.points[0]
         if len(tried) == len({order, 1}):
             self._needs(key, needed, limits[0])
         return False
+
+    def _refined(self, operation: Operations, steps: int, scale: float = START_SCALE) -> Operations:
+        """One operation, refined; the same one is asked for again at every tolerance."""
+        key = (*operation.key, steps, scale)
+        if key not in self._known:
+            context = self._context
+            self._known[key] = refine(context.surface, context.points(3), operation, steps, scale=scale)
+        return self._known[key]
 
     def _note_round(self, direction: FloatArray, point: FloatArray) -> None:
         """Keep a line about which the shape is round at least roughly, once."""
@@ -346,10 +351,10 @@ class Ladder:
             if larger == "Ci":
                 context = self._context
                 inversion = Operations(np.eye(3)[:1], centre[None], np.array([np.pi]), np.ones(1, dtype=np.bool_))
-                if context.scores(inversion)[0] > self._implausible:
+                if context.scores(inversion, self._implausible)[0] > self._implausible:
                     self._needs(key, np.inf, tolerance)
                     continue
-                centre = refine(context.surface, context.points(3), inversion, 12).points[0]
+                centre = self._refined(inversion, 12).points[0]
             yield Hypothesis(point_group(larger), frame, centre), key
         if order > 1 and name[0] in "CS" and not name.endswith("v"):
             yield from self._azimuths(tolerance)

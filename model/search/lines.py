@@ -11,9 +11,10 @@ PARALLEL = float(np.cos(np.deg2rad(4.0)))
 
 def distinct_lines(directions: FloatArray) -> FloatArray:
     """Of directions ``(k, 3)`` those that are not within a few degrees of an earlier one."""
+    cosines: list[list[float]] = np.abs(directions @ directions.T).tolist()
     kept: list[int] = []
-    for index, direction in enumerate(directions):
-        if not kept or np.abs(directions[kept] @ direction).max() < PARALLEL:
+    for index, row in enumerate(cosines):
+        if all(row[other] < PARALLEL for other in kept):
             kept.append(index)
     return directions[kept]
 

@@ -1,16 +1,33 @@
-"""Which larger point groups a group may be a part of, and how their frames lie in its own."""
+"""Which larger point groups a group may be a part of, and how their frames lie in its own; what operations generate."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from model.search.point_groups import frame_of
+from model.geometry.operations import Operations
+from model.search import closure
+from model.search.point_groups import frame_of, identify
 from model.types import FloatArray
 
 _ALONG_DIAGONALS = {"C3v": "Td", "D3": "O", "D3d": "Oh"}
 """The cubic group that has one with a three-fold axis along the diagonals of its cube."""
 
 _ALONG_FIVE_FOLD = {"C5v": "Ih", "D5": "I", "D5d": "Ih"}
+
+EXACT_ANGLE, ROUGH_ANGLE = closure.SAME, float(np.deg2rad(3.0))
+"""Operations of a group that holds precisely, or roughly, are one within so many radians."""
+
+_ROUGH_ORDER = 12
+
+
+def generated(operations: Operations, *, precise: bool) -> tuple[str, FloatArray] | None:
+    """The group that operations generate, about a common point: its symbol and frame; None if there is none.
+
+    ``precise`` operations may make axes of any order that is told from round, others of a few.
+    """
+    angle, largest = (EXACT_ANGLE, closure.LARGEST) if precise else (ROUGH_ANGLE, _ROUGH_ORDER)
+    grown = closure.closure(operations.matrices, largest, angle, snap=not precise)
+    return None if grown is None else identify(grown, angle)
 
 
 def supergroups(name: str, order: int, frame: FloatArray) -> Iterator[tuple[str, FloatArray]]:

@@ -3,10 +3,23 @@
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.point_groups import frame_of
+from model.search.point_groups import CONTINUOUS, frame_of
+from model.types import BoolArray
 
 _ARM = 0.25
 """Turning moves typical points of the unit frame by this share of the angle; an inversion is shifted as far."""
+
+
+def can_be_tilted(name: str, operations: Operations) -> BoolArray:
+    """Which operations of a group are others when they are tilted: of a round one the rotations, of a sphere none.
+
+    Args:
+        name: of the group.
+        operations: k of its members.
+    """
+    if name == "Kh":
+        return np.zeros(len(operations), dtype=np.bool_)
+    return ~operations.improper if name in CONTINUOUS else np.ones(len(operations), dtype=np.bool_)
 
 
 def tilted(element: Operations, angle: float) -> Operations:

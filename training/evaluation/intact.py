@@ -7,8 +7,7 @@ from model.geometry.refinement import squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.search.hypothesis import Hypothesis
-from model.search.point_groups import CONTINUOUS
-from model.search.tilting import tilted
+from model.search.tilting import can_be_tilted, tilted
 from model.types import FloatArray, IntArray
 from training.oracle.exhaustive import TILT
 
@@ -37,9 +36,7 @@ class IntactShape:
         error = float(self._errors(level.measured_operations, self._samples).max())
         few, contrast = self._samples[::_TILTED_STRIDE], np.inf
         generators = level.generators
-        for k in range(len(generators)):
-            if level.name in CONTINUOUS and (level.name == "Kh" or generators.improper[k]):
-                continue
+        for k in np.flatnonzero(can_be_tilted(level.name, generators)).tolist():
             own = self._errors(generators[[k]], few)[0]
             contrast = min(contrast, float(self._errors(tilted(generators[[k]], TILT), few).min() / max(own, 1e-12)))
         return error * self._ratio**2, contrast

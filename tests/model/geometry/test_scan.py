@@ -41,7 +41,7 @@ def test_directions_cover_the_hemisphere_evenly():
 @pytest.mark.parametrize("seed", range(3))
 def test_every_plane_has_a_minimum_nearby(family: str, n: int | None, seed: int):
     grid, normals, _ = scanned(family, seed, **({} if n is None else {"n": n}))
-    found = minima(grid.scan[0], 14, 1.5)
+    found = minima(grid.scan()[0], 14, 1.5)
     assert nearest_degrees(found, normals).max() < 7.0
 
 
@@ -49,13 +49,13 @@ def test_every_plane_has_a_minimum_nearby(family: str, n: int | None, seed: int)
 def test_every_two_fold_axis_has_a_minimum_nearby(seed: int):
     grid, _, axes = scanned("dihedral", seed, n=4)
     assert len(axes) == 5
-    assert nearest_degrees(minima(grid.scan[1], 14), axes).max() < 7.0
+    assert nearest_degrees(minima(grid.scan()[1], 14), axes).max() < 7.0
 
 
 def test_scores_of_true_planes_are_far_below_those_of_others():
     grid, normals, _ = scanned("chair")
     mirror = Operations.reflections(np.column_stack([normals, -normals @ grid.centre]))
-    assert grid.score(mirror).max() < 0.1 * np.median(grid.scan[0])
+    assert grid.score(mirror).max() < 0.1 * np.median(grid.scan()[0])
 
 
 def test_distances_are_cut_off_and_zero_on_the_surface():

@@ -167,18 +167,19 @@ def test_guesses_are_planes_apart_that_the_surface_allows(detector: Detector) ->
 def test_the_network_is_asked_once_and_only_for_what_is_needed(
     detector: Detector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: Counter[int] = Counter()
+    asked: Counter[tuple[int | None, int]] = Counter()
     from model.network import output
 
     original = output.predict_each
 
-    def counting(checkpoint: object, voxels: object, rotation: object, frames: int) -> Proposals:
-        asked[frames] += 1
+    def counting(checkpoint: object, voxels: object, rotation: object, frames: slice) -> Proposals:
+        asked[frames.start, frames.stop] += 1
         return original(checkpoint, voxels, rotation, frames)  # type: ignore[arg-type]
 
     monkeypatch.setattr(output, "predict_each", counting)
     detector.detect(scan()[0])
-    assert asked == {1: 1, 2: 3}  # the main view in its frame, then three views in two frames each
+    # The main view in its frame, then in a second one, and two further views in two frames each.
+    assert asked == {(None, 1): 1, (1, 2): 1, (None, 2): 2}
 
 
 def test_a_guess_is_surer_where_the_surface_bears_it_out_and_nothing_makes_it_certain() -> None:
