@@ -136,21 +136,28 @@ def _spread(images: FloatArray, squared: FloatArray, near: float, believed: Bool
                     places[count // stride] = images[k, i]
                     reasons[count // stride] = unseen[k, i]
                 count += 1
-    reached = np.empty(samples, dtype=np.int32)
+    reached, left = np.empty(samples, dtype=np.int32), np.empty(samples, dtype=np.int32)
     for k in range(squared.shape[0]):
         if not believed[k] or count == 0:
             continue
-        top = 0
+        top, asked = 0, 0
         for i in range(samples):
             if unseen[k, i] != SEEN:
                 reached[top] = i
                 top += 1
+            elif squared[k, i] > near:
+                left[asked] = i
+                asked += 1
         for place in range(len(places)):
-            top = _reach(places[place], reasons[place], images[k], squared[k], near, unseen[k], reached, top)
-        while top > 0:
-            place = reached[top - 1]
+            here = asked
+            asked = _reach(places[place], reasons[place], images[k], squared[k], unseen[k], left, asked, reached, top)
+            top += here - asked
+        while top > 0 and asked > 0:
+            top -= 1
+            place, here = reached[top], asked
             reason = unseen[k, place]
-            top = _reach(images[k, place], reason, images[k], squared[k], near, unseen[k], reached, top - 1)
+            asked = _reach(images[k, place], reason, images[k], squared[k], unseen[k], left, asked, reached, top)
+            top += here - asked
 
 
 @jit
@@ -159,15 +166,19 @@ def _reach(
     reason: int,
     images: FloatArray,
     squared: FloatArray,
-    near: float,
     unseen: ByteArray,
+    left: IntArray,
+    asked: int,
     reached: IntArray,
     top: int,
 ) -> int:
-    """Mark images that are nearer to a place than to the surface, and note them: how many are noted then."""
-    for i in range(unseen.shape[0]):
-        if unseen[i] != SEEN or squared[i] <= near:
-            continue
+    """Mark images that are nearer to a place than to the surface, and note them from ``top`` on.
+
+    Of the first ``asked`` that are ``left`` the others stay, in their order: how many are returned.
+    """
+    kept = 0
+    for which in range(asked):
+        i = left[which]
         gap = 0.0
         for a in range(3):
             gap += (images[i, a] - place[a]) * (images[i, a] - place[a])
@@ -175,7 +186,10 @@ def _reach(
             unseen[i] = reason
             reached[top] = i
             top += 1
-    return top
+        else:
+            left[kept] = i
+            kept += 1
+    return kept
 
 
 @jit
