@@ -17,7 +17,7 @@ from model.geometry._boundary_kernels import BEHIND
 from model.network.output import NetworkOutput
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis
-from model.search.tilting import can_be_tilted, tilted
+from model.search.tilting import tilted
 from model.symmetries import EvidenceKind
 from model.types import FloatArray
 
@@ -90,10 +90,9 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
     few = context.judging.every(_BESIDE_STRIDE)
     own = np.minimum(found.squared, cut).mean(1)
     beside, excused = np.full(len(operations), np.inf), np.empty(len(operations))
-    tells = can_be_tilted(level.name, operations)
     for k in range(len(operations)):
-        aside = context.meter.measure(tilted(operations[[k]], settings.tilt), few)
-        if tells[k]:
+        aside = context.meter.measure(tilted(operations[[k]], settings.tilt, level.turning_axis), few)
+        if level.name != "Kh":  # what is tilted of a sphere is as good
             beside[k] = np.minimum(aside.squared, cut).mean(1).min()
         excused[k] = aside.missing_share.mean()
     rounding = settings.file_precision**2

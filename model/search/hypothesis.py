@@ -58,6 +58,12 @@ class Hypothesis:
         return self.frame[2]
 
     @property
+    def turning_axis(self) -> FloatArray | None:
+        """Its direction if all else may be turned about it by less than a right angle, its order being 3 or more."""
+        turns = self.group.principal_order not in (1, 2) and self.name[0] not in "TOIK"
+        return self.axis if turns else None
+
+    @property
     def planes(self) -> FloatArray:
         """All planes ``(p, 4)``, rows ``(n, d)``, of a family through a continuous axis two."""
         normals = self.group.normals @ self.frame

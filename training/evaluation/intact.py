@@ -7,7 +7,7 @@ from model.geometry.refinement import squared_distances
 from model.geometry.sampling import sample_surface
 from model.geometry.surface import SurfaceIndex
 from model.search.hypothesis import Hypothesis
-from model.search.tilting import can_be_tilted, tilted
+from model.search.tilting import tilted
 from model.types import FloatArray, IntArray
 from training.oracle.exhaustive import TILT
 
@@ -30,15 +30,18 @@ class IntactShape:
     def judged(self, level: Hypothesis) -> tuple[float, float]:
         """The largest SDE of a group's operations, in the intact shape's own unit frame, and the least contrast of any.
 
-        The contrast of an operation is how many times as large its SDE is at least when it is tilted. About the axis of
-        a continuous group nothing is tilted, nor are the planes and axes of a sphere.
+        The contrast of an operation is how many times as large its SDE is at least when it is tilted out of the group,
+        as nothing is of a sphere's.
         """
         error = float(self._errors(level.measured_operations, self._samples).max())
         few, contrast = self._samples[::_TILTED_STRIDE], np.inf
         generators = level.generators
-        for k in np.flatnonzero(can_be_tilted(level.name, generators)).tolist():
+        for k in range(0 if level.name == "Kh" else len(generators)):
             own = self._errors(generators[[k]], few)[0]
-            contrast = min(contrast, float(self._errors(tilted(generators[[k]], TILT), few).min() / max(own, 1e-12)))
+            contrast = min(
+                contrast,
+                float(self._errors(tilted(generators[[k]], TILT, level.turning_axis), few).min() / max(own, 1e-12)),
+            )
         return error * self._ratio**2, contrast
 
     def _errors(self, operations: Operations, samples: FloatArray) -> FloatArray:
