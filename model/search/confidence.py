@@ -82,7 +82,7 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
         network: what the network says, None if it is not to be asked.
     """
     settings, limit = context.settings, context.limit
-    operations = level.generators[:_MOST_OPERATIONS]
+    operations = level.telling[:_MOST_OPERATIONS]
     samples = context.judging.every(_STRIDE)
     found = context.meter.measure(operations, samples)
     there = found.squared[~found.missing]

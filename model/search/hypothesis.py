@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from math import gcd
 
 import numpy as np
 
@@ -83,6 +84,18 @@ class Hypothesis:
     def generators(self) -> Operations:
         """Operations that generate the group."""
         return self._placed(self.group.generators)
+
+    @property
+    def telling(self) -> Operations:
+        """The generators, with rotations by as near to half a turn as generates all of them: small ones move little."""
+        operations = self.generators
+        if self.name in CONTINUOUS:
+            return operations
+        angles = operations.angles.copy()
+        for k in np.flatnonzero(~operations.improper & (angles > 0.0)).tolist():
+            order = round(2.0 * np.pi / float(angles[k]))
+            angles[k] *= max(multiple for multiple in range(1, order // 2 + 1) if gcd(multiple, order) == 1)
+        return Operations(operations.directions, operations.points, angles, operations.improper)
 
     @property
     def elements(self) -> Operations:

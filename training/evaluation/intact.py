@@ -35,12 +35,12 @@ class IntactShape:
         """
         error = float(self._errors(level.measured_operations, self._samples).max())
         few, contrast = self._samples[::_TILTED_STRIDE], np.inf
-        generators = level.generators
-        for k in range(0 if level.name == "Kh" else len(generators)):
-            own = self._errors(generators[[k]], few)[0]
+        telling = level.telling
+        for k in range(0 if level.name == "Kh" else len(telling)):
+            own = self._errors(telling[[k]], few)[0]
             contrast = min(
                 contrast,
-                float(self._errors(tilted(generators[[k]], TILT, level.turning_axis), few).min() / max(own, 1e-12)),
+                float(self._errors(tilted(telling[[k]], TILT, level.turning_axis), few).min() / max(own, 1e-12)),
             )
         return error * self._ratio**2, contrast
 
