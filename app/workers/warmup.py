@@ -40,7 +40,7 @@ def warm_up(detector: SymmetryDetector) -> None:
     """
     detector.warm_up()
     for name, data in (*sample_files(), *sample_clouds()):
-        read_mesh(data, name)
+        _ = read_mesh(data, name).watertight
     warm_up_kernels()
     for job, data in sample_jobs():
         perform(detector, job, data)
