@@ -272,9 +272,11 @@ def attacks(options: argparse.Namespace) -> None:
             for one in attackers:
                 one.close()
             served = tally.statuses["200"]
+            outcomes = sorted((tally.statuses + tally.broken).items())
+            others = ", ".join(f"{count} × {what}" for what, count in outcomes if what != "200") or "0"
             print(
                 f"| {title} | {before / 1024:.0f} | {most / 1024:.0f} | {percentiles(seconds)} | {served} | "
-                f"{tally.sent - served} | {percentiles(tally.seconds)} |",
+                f"{others} | {percentiles(tally.seconds)} |",
                 flush=True,
             )
 
