@@ -1,13 +1,14 @@
 """By which angles a shape may be rotated about an axis: the order of the axis, or every angle."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from model.geometry.operations import Operations
 from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
+from model.search.harmonics import harmonics
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray, IntArray
@@ -27,6 +28,10 @@ _SHARES = (0.5, 0.34, 0.42, 0.27, 0.22)
 _CONTRAST = 0.1
 """A rotation is a symmetry if its squared deviation is so much smaller than that of arbitrary angles. Larger ones must
 be smaller significantly (`explains_better`)."""
+
+_HARMONICS_STRIDE = 3
+_AS_GOOD = 0.35
+"""All rotations of one axis are as good: of the way from the best of them to arbitrary ones no other is farther."""
 
 PRIMES = np.array([n for n in range(2, DEFAULT.largest_order + 1) if all(n % p for p in range(2, int(n**0.5) + 1))])
 """All orders are products of these."""
@@ -94,6 +99,7 @@ def rotation_order(
     known: int = 1,
     primes: IntArray = PRIMES,
     past_facets: bool = False,
+    many: Callable[[], SurfaceSamples] | None = None,
     settings: SearchSettings = DEFAULT,
 ) -> RotationalSymmetry:
     """Find the order of the axis through ``point`` ``(3,)`` along the unit ``direction`` ``(3,)``, unit frame.
@@ -110,26 +116,62 @@ def rotation_order(
         known: the order that the axis has at least; multiples of it are looked for.
         primes: factors that the order may have.
         past_facets: what facets allow is taken off all deviations: of a gear with a bore the order of the gear shows.
+        many: gives more samples, asked where the others do not tell an order from noise.
         settings: the thresholds.
     """
-    axis = _Axis(meter, direction, point, limit, past_facets, settings)
+    axis = _Axis(meter, direction, point, limit, past_facets, many, settings)
     few = samples.every(_SCREEN_STRIDE)
     arbitrary = roundness(meter, few, direction, point, settings)
     screen = axis.against(few, arbitrary)
     # On a few samples it shows that nothing holds; that something does is to be seen on all.
     powers = {prime: _next_power(prime, known) for prime in primes.tolist()}
-    factors, needed = screen.promising(powers.values())
+    if many is not None and not arbitrary.is_round and arbitrary.rms <= limit:
+        # On few samples noise makes all orders look alike.
+        shown = harmonics(meter, many().every(_HARMONICS_STRIDE), direction, point, settings)
+        factors, needed = [n for prime, n in powers.items() if (shown % prime == 0).any()], np.inf
+    else:
+        factors, needed = screen.promising(powers.values())
     if not arbitrary.is_round and not factors:
         return RotationalSymmetry(known, arbitrary.rms, needed)
     arbitrary = roundness(meter, samples, direction, point, settings)
     if arbitrary.is_round:
         return RotationalSymmetry(None, arbitrary.rms, 0.0)
     rotations = axis.against(samples, arbitrary)
-    order, needed = _order(screen, rotations, [p for p, n in powers.items() if n in factors], known, needed)
+    order, needed = _order(rotations, [p for p, n in powers.items() if n in factors], known, needed)
     return RotationalSymmetry(order, arbitrary.rms, needed)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def is_symmetric(
+    meter: DeviationMeter,
+    samples: SurfaceSamples,
+    direction: FloatArray,
+    point: FloatArray,
+    order: int,
+    *,
+    limit: float,
+    many: Callable[[], SurfaceSamples],
+    settings: SearchSettings = DEFAULT,
+) -> bool:
+    """Whether rotations by an order hold, distinctly better than arbitrary ones unless the surface is round.
+
+    Args:
+        meter: what to measure with.
+        samples: points on the surface.
+        direction: of the axis, ``(3,)`` unit.
+        point: on the axis ``(3,)``.
+        order: of the axis.
+        limit: it must hold within this RMS deviation.
+        many: gives more samples, asked where the others do not tell it from noise.
+        settings: the thresholds.
+    """
+    arbitrary = roundness(meter, samples, direction, point, settings)
+    if arbitrary.is_round:
+        return True
+    axis = _Axis(meter, direction, point, limit, False, many, settings)
+    return axis.against(samples, arbitrary).needed(order)[0] <= limit
+
+
+@dataclass(frozen=True, eq=False)
 class _Axis:
     """An axis whose order is looked for, see `rotation_order`."""
 
@@ -138,6 +180,7 @@ class _Axis:
     point: FloatArray
     limit: float
     past_facets: bool
+    many: Callable[[], SurfaceSamples] | None
     settings: SearchSettings
 
     def against(self, samples: SurfaceSamples, arbitrary: Roundness) -> "_Rotations":
@@ -151,6 +194,15 @@ class _Axis:
         # Half a step of the order n moves no point farther than this share of the radius: more is not round enough.
         largest = np.pi * arbitrary.radius / max(arbitrary.rms, 1e-12)
         return _Rotations(self, samples, allowed, reference, largest)
+
+    @cached_property
+    def closely(self) -> "_Rotations | None":
+        """Its rotations seen on many samples, if there are more."""
+        if self.many is None:
+            return None
+        samples = self.many()
+        arbitrary = roundness(self.meter, samples, self.direction, self.point, self.settings)
+        return self.against(samples, arbitrary)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +224,7 @@ class _Rotations:
         orders = [n for n in orders if n <= max(self.largest, _ALWAYS)]
         if not orders or not self.reference.any():
             return [], np.inf
-        angles = np.array([2.0 * np.pi * _multiples(n)[0] / n for n in orders])
+        angles = np.array([2.0 * np.pi * multiples(n)[0] / n for n in orders])
         limit = self.axis.limit
         deviations = self._measured(angles)
         there = np.where(deviations.missing, 0.0, deviations.squared)
@@ -185,23 +237,36 @@ class _Rotations:
         needed = float(np.sqrt(left.min(initial=np.inf)))
         return [n for n, kept in zip(orders, good.tolist(), strict=True) if kept], needed
 
-    def needed(self, n: int) -> float:
+    def needed(self, n: int, *, likely: bool = False) -> tuple[float, float]:
         """The RMS deviation within which the rotations of an order are symmetries; one above the limit if they are not.
 
-        Infinite where they are not distinctly better than arbitrary ones.
+        Infinite where they are not distinctly better than arbitrary ones. And how large their squared deviation is, as
+        a share of that of arbitrary ones.
         """
-        worst, settings, largest = np.zeros(len(self.samples)), self.axis.settings, 0.0
-        for multiple in _multiples(n).tolist():  # one at a time: the first tells most of those apart that do not hold
-            deviations = self._measured(np.array([2.0 * np.pi * multiple / n]))
+        settings, largest, angles = self.axis.settings, 0.0, 2.0 * np.pi / n * multiples(n)
+        small = True
+        total, worst, reference = np.zeros(len(self.samples)), np.zeros(len(self.samples)), float(self.reference.mean())
+        for count, angle in enumerate(angles, 1):  # the first tells most of those apart that do not hold
+            deviations = self._measured(angle[None])
             largest = max(largest, float(deviations.rms[0]))
             if largest > self.axis.limit:
-                return largest
+                return largest, 1.0
             excess = _excess(deviations.squared, self.allowed, settings.truncation)[0]
             worst = excess if excess.mean() > worst.mean() else worst
-            small = float(worst.mean()) <= _CONTRAST * float(self.reference.mean())
-            if not small and not explains_better(worst, self.reference, settings):
-                return np.inf
-        return largest
+            total += excess
+            small = float(worst.mean()) <= _CONTRAST * reference
+            if not small and not might_explain_better(total / count, self.reference, settings, likely=likely):
+                return np.inf, 1.0
+        if small:
+            return largest, float(worst.mean()) / reference
+        closely = self.axis.closely
+        if closely is not None and closely is not self:
+            return closely.needed(n, likely=likely)
+        # One of several is the worst by chance where all are noise.
+        own = worst if closely is None else total / len(angles)
+        if not explains_better(own, self.reference, settings, likely=likely):
+            return np.inf, 1.0
+        return largest, float(own.mean()) / reference
 
     def _measured(self, angles: FloatArray) -> Deviations:
         return self.axis.meter.measure(Operations.rotations(self.axis.direction, self.axis.point, angles), self.samples)
@@ -228,23 +293,37 @@ def facet_tolerance(
     return np.minimum(np.maximum(sagittas, settings.modelling_precision), deviation * radius)
 
 
-def explains_better(squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT) -> bool:
+def explains_better(
+    squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT, *, likely: bool = False
+) -> bool:
     """Whether one hypothesis explains a surface distinctly better than another one.
 
     Args:
         squared: ``(n,)`` squared deviations of the first at n samples.
         others: ``(n,)`` those of the other at the same samples.
         settings: ``significance`` and ``advantage``.
+        likely: it is before one looks: less proof is asked of many samples.
     """
     difference = others - squared
     spread = float(difference.std()) / np.sqrt(len(difference))
-    enough = float(others.mean()) > settings.advantage * float(squared.mean())
-    return enough and float(difference.mean()) > settings.significance * spread
+    enough, significance = settings.advantage, settings.significance
+    if len(squared) >= settings.many_samples:  # where noise is most of both, a small part of them is all there is
+        enough = settings.advantage_in_noise
+        significance = settings.significance_if_likely if likely else settings.significance_in_noise
+    better = float(others.mean()) > enough * float(squared.mean())
+    return better and float(difference.mean()) > significance * spread
 
 
-def _order(
-    screen: _Rotations, rotations: _Rotations, primes: list[int], known: int, needed: float
-) -> tuple[int, float]:
+def might_explain_better(
+    squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT, *, likely: bool = False
+) -> bool:
+    """Whether more samples may show that `explains_better` holds: on these it is better, be it by chance."""
+    difference = others - squared
+    spread = float(difference.std()) / np.sqrt(len(difference))
+    return float(difference.mean()) > (-1.0 if likely else settings.chance) * spread
+
+
+def _order(rotations: _Rotations, primes: list[int], known: int, needed: float) -> tuple[int, float]:
     """The order of an axis: what is ``known`` times the prime powers that hold, of ``primes`` that may.
 
     Returns:
@@ -252,21 +331,27 @@ def _order(
     """
     if not rotations.reference.any():
         return known, needed
-    order, largest, limit = known, rotations.axis.settings.largest_order, rotations.axis.limit
+    largest, limit = rotations.axis.settings.largest_order, rotations.axis.limit
+    found: list[tuple[int, float]] = []
     for prime in primes:
-        first = power = _next_power(prime, known)
-        while order * prime <= largest:
-            if power > first:
-                good, least = screen.promising([power])
-                needed = min(needed, least)
-                if not good:
-                    break
-            rms = rotations.needed(power)
+        power, order = _next_power(prime, known), known
+        while order * prime <= largest and power <= max(rotations.largest, _ALWAYS):
+            # Twice the order of an axis is wrong by half a step, or right.
+            rms, share = rotations.needed(power, likely=power > prime)
             if rms > limit:
                 needed = min(needed, rms)
                 break
+            found.append((prime, share))
             order *= prime
             power *= prime
+    shares = [share for _, share in found]
+    if known > 1 and max(shares, default=0.0) > _CONTRAST:
+        shares.append(rotations.needed(known)[1])
+    least = min(shares, default=0.0)
+    order = known
+    for prime, share in found:
+        if order * prime <= largest and share <= max(_CONTRAST, least + _AS_GOOD * (1.0 - least)):
+            order *= prime
     return order, needed
 
 
@@ -285,11 +370,11 @@ def prime_rotations(direction: FloatArray, point: FloatArray) -> Operations:
 
 @lru_cache(maxsize=1)
 def _prime_angles() -> FloatArray:
-    return np.array([2.0 * np.pi * _multiples(n)[0] / n for n in PRIMES.tolist()])
+    return np.array([2.0 * np.pi * multiples(n)[0] / n for n in PRIMES.tolist()])
 
 
 @lru_cache(maxsize=512)
-def _multiples(n: int) -> FloatArray:
+def multiples(n: int) -> FloatArray:
     """Multiples of the smallest rotation that generate all of them and are far from it.
 
     Rotations by a small angle prove nothing: bumps and noise are moved by less than their size.

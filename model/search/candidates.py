@@ -37,11 +37,13 @@ so many times after a few steps."""
 class RefinedCandidates:
     """Refined distinct ``operations``, sorted by error, with RMS deviations ``rms`` ``(k,)``; and what was ``dropped``.
 
+    ``costs`` ``(k,)``: the RMS deviations, more where much is left unexplained: such candidates come later.
     ``dropped_errors`` ``(d,)``: the SDE on few samples that each had when it was dropped.
     """
 
     operations: Operations
     rms: FloatArray
+    costs: FloatArray
     dropped: Operations
     dropped_errors: FloatArray
 
@@ -103,9 +105,9 @@ def refine_and_deduplicate(
     operations = refine(surface, context.points(_FINE_STRIDE), operations, 6, scale=0.02)
     deviations = context.meter.measure(operations, context.judging)
     kept = distinct(operations, np.minimum(deviations.squared, cut).mean(1))
-    # A candidate that leaves much unexplained comes later.
-    rms = deviations.rms + context.settings.missing_cost * deviations.missing_share
-    return RefinedCandidates(operations[kept], rms[kept], Operations.joined(dropped), np.concatenate(dropped_errors))
+    rms = deviations.rms[kept]
+    costs = rms + context.settings.missing_cost * deviations.missing_share[kept]
+    return RefinedCandidates(operations[kept], rms, costs, Operations.joined(dropped), np.concatenate(dropped_errors))
 
 
 def _refined_closely(context: SearchContext, starts: Operations) -> Operations:

@@ -1,6 +1,7 @@
 """A shape made ready for full mode: everything its search measures with."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -15,10 +16,12 @@ from model.types import FloatArray
 _LEFT_TO_JUDGE = 0.4 * WORK
 """What is left for judging what was found when a search is cut short."""
 
+_MANY_SEED = 3
+
 _ODD_LINES, _ODD_ANGLES = 2, (2.0 * np.pi / 3.0, 4.0 * np.pi / 5.0, 6.0 * np.pi / 7.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SearchContext:
     """A surface in the unit frame, ready to be searched.
 
@@ -58,6 +61,11 @@ class SearchContext:
     def centre(self) -> FloatArray:
         """The mean of the occupied voxels, unit frame."""
         return self.grid.centre @ self.rotation
+
+    @cached_property
+    def many(self) -> SurfaceSamples:
+        """Many more samples, drawn when something hangs on them: on few, noise hides a small difference."""
+        return SurfaceSamples.drawn(self.sampler, self.settings.many_samples, seed=_MANY_SEED)
 
     def points(self, stride: int) -> FloatArray:
         """What to refine on: every so many-th sample, and all anchors."""

@@ -141,6 +141,19 @@ class DeviationMeter:
             self._known[key] = samples.points, self._measured(operations, samples)
         return self._known[key][1]
 
+    def noise(self, operations: Operations, samples: SurfaceSamples) -> FloatArray:
+        """The part of the RMS deviations that is noise, ``(k,)``: what changes from one sample to its neighbour.
+
+        Where two shapes differ, the ways from neighbouring images to the surface are alike; in noise each goes its own
+        way. The median of how much they change, squared, is the variance of noise, whatever a part of the surface does.
+        """
+        images = operations.apply(samples.points)
+        ways = images - self.surface.closest(images.reshape(-1, 3))[0].reshape(images.shape)
+        there = ~self.measure(operations, samples).missing
+        changes = np.square(np.diff(ways, axis=1)).sum(2)  # samples are in Morton order
+        changes[~(there[:, 1:] & there[:, :-1])] = np.nan
+        return np.array([float(np.sqrt(np.nanmedian(row))) if np.isfinite(row).any() else 0.0 for row in changes])
+
     def _measured(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         if self.closed:
             squared = squared_distances(self.surface, samples.points, operations)

@@ -77,7 +77,7 @@ def find_symmetries(context: SearchContext, network: NetworkOutput | None, sourc
     starts = _starts(context, network, sources, [direction for direction, _ in nearly_round], holed)
     refined = refine_and_deduplicate(context, starts, _starts_beside(context, sources) if holed else None)
     ladder = Ladder(context, lines, holed=holed)
-    ladder.climb(refined.operations, refined.rms)
+    ladder.climb(refined.operations, refined.rms, refined.costs)
     ladder.extend_roughly()
     continuous: list[Hypothesis] = []
     for direction, point in [*nearly_round, *ladder.round_lines]:

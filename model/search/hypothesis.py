@@ -149,6 +149,10 @@ class Hypothesis:
             float(deviations.contradicting(distance).max()),
         )
 
+    def noise(self, context: SearchContext) -> float:
+        """The part of its RMS deviation that is noise, see `DeviationMeter.noise`: the least over its generators."""
+        return min(self.rms, float(context.meter.noise(self.generators, context.judging).min(initial=np.inf)))
+
     def is_believed(self, settings: SearchSettings) -> bool:
         """Whether enough of the surface bears it out, and not too much contradicts it."""
         return self.coverage >= settings.least_coverage and self.contradicting <= settings.most_contradicting
@@ -158,7 +162,7 @@ class Hypothesis:
         """The generators, and some elements if these are few: what the frame is fitted to."""
         if self.name in CONTINUOUS:
             return self.generators
-        return self._placed(_chosen(self.group, _MOST_FITTED, halfway=False))
+        return self._placed(_chosen(self.group, _MOST_FITTED, halfway=True))
 
     def fitted(self, context: SearchContext, *, stride: int = 3, steps: int = 8) -> "Hypothesis":
         """The same after its frame was fitted to the surface, and measured there.

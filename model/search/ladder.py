@@ -11,7 +11,7 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.geometry.refinement import START_SCALE, refine
-from model.search.axis_order import PRIMES, prime_rotations, rotation_order
+from model.search.axis_order import PRIMES, is_symmetric, prime_rotations, rotation_order
 from model.search.context import SearchContext
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.lines import PARALLEL, common_point, distances_from, distinct_lines
@@ -29,6 +29,9 @@ _GLANCE_STRIDE = 3
 _IMPLAUSIBLE_CLOSED, _IMPLAUSIBLE = 2.0, 4.0
 """Scores of voxels, see `SearchContext.scores`, above which a hypothesis is not measured, of closed and open surfaces:
 those that held in the end had half as much at most where little was missing, and less where a third or more was."""
+
+_NOISIER = 1.25
+"""The noise of a larger group, the largest of more operations on fewer samples each, may seem so many times larger."""
 
 _AGAIN = 1.2
 """What failed is tried again when the tolerance is so many times larger."""
@@ -57,13 +60,20 @@ class Ladder:
         self._group = trivial()
         self._failed: dict[tuple[object, ...], float] = {}
         self._known: dict[tuple[object, ...], Operations] = {}
+        self._noise = (self._group, 0.0)
         self.rungs: list[Hypothesis] = []
         self.round_lines: list[tuple[FloatArray, FloatArray]] = []
 
-    def climb(self, candidates: Operations, rms: FloatArray) -> None:
-        """Take in candidates ``(k,)`` with their RMS deviations, precise ones in batches, others one by one."""
+    def climb(self, candidates: Operations, rms: FloatArray, costs: FloatArray) -> None:
+        """Take in candidates, precise ones in batches, others one by one.
+
+        Args:
+            candidates: k operations.
+            rms: their RMS deviations ``(k,)``.
+            costs: what they are put in order by ``(k,)``.
+        """
         settings, limit = self._context.settings, self._context.limit
-        needed = rms.copy()  # the tolerance that each is tried at next
+        needed = costs.copy()  # the tolerance that each is tried at next
         for precision in (settings.file_precision, settings.modelling_precision, settings.feature_precision):
             tolerance = min(precision, limit)
             grown = False
@@ -85,12 +95,12 @@ class Ladder:
         for index in np.argsort(needed, kind="stable")[: int((needed <= limit).sum())].tolist():
             if self._context.is_spent:
                 break
-            least = max(float(needed[index]), self._group.rms, settings.feature_precision / settings.growth)
-            tolerance = min(settings.growth * least, limit)
+            least = max(float(needed[index]), settings.feature_precision / settings.growth)
             if self._group.name == "C1" and self._grows(least):
                 self._note()  # an axis that fits better than any plane or half turn comes before them
+            tolerance = self._beyond(max(float(rms[index]), self._group.rms))
             if self._add(candidates[[index]], tolerance) <= tolerance:
-                self._extend(tolerance)
+                self._extend(self._beyond(self._group.rms))
                 self._note()
 
     def extend_roughly(self) -> None:
@@ -102,11 +112,24 @@ class Ladder:
         settings, limit = self._context.settings, self._context.limit
         if self._group.name == "C1" and self._grows(limit):
             self._note()  # what it is a part of may be much rougher
-        rough = min(settings.growth * max(self._group.rms, settings.feature_precision / settings.growth), limit)
+        rough = self._beyond(self._group.rms)
         exact = self._group.rms <= settings.file_precision
         if self._group.name != "C1" and (not exact or self._raise_order(rough, nearly_round=True)):
             self._extend(rough)
         self._note()
+
+    def _beyond(self, rms: float) -> float:
+        """The tolerance for what extends a group with an RMS deviation: so many times larger, but for its noise.
+
+        Noise does not add up, as deviations of a shape do: a larger group has no more of it.
+        """
+        settings, context = self._context.settings, self._context
+        if self._noise[0] is not self._group:
+            precise = self._group.rms <= settings.modelling_precision
+            self._noise = self._group, 0.0 if precise else self._group.noise(context)
+        noise = min(self._noise[1], rms)
+        shape = max(float(np.sqrt(rms**2 - noise**2)), settings.feature_precision / settings.growth)
+        return min(float(np.hypot(_NOISIER * noise, settings.growth * shape)), context.limit)
 
     def _note(self) -> None:
         if self._group.name != "C1" and (not self.rungs or self.rungs[-1] is not self._group):
@@ -131,11 +154,25 @@ class Ladder:
         name, frame = identified
         if name == group.name:
             return np.inf  # it stands beside one of the group's own elements, which holds better: nothing grows
-        return self._try(Hypothesis(point_group(name), frame, centre), tolerance)
+        hypothesis = Hypothesis(point_group(name), frame, centre)
+        # By which angles planes stand to each other is only known roughly if they are rough.
+        return self._try(hypothesis, tolerance, sceptically=not precise)
 
-    def _try(self, hypothesis: Hypothesis, tolerance: float, key: tuple[object, ...] | None = None) -> float:
-        """Fit a hypothesis and take it if it holds; the tolerance it needs, which is remembered by its ``key``."""
+    def _try(
+        self,
+        hypothesis: Hypothesis,
+        tolerance: float,
+        key: tuple[object, ...] | None = None,
+        *,
+        sceptically: bool = False,
+    ) -> float:
+        """Fit a hypothesis and take it if it holds; the tolerance it needs, which is remembered by its ``key``.
+
+        Looked at sceptically, the order of its axis has to be better than no order.
+        """
         fitted, needed = self._fitted(hypothesis, tolerance)
+        if needed <= tolerance and sceptically and not self._turns(fitted):
+            needed = np.inf
         if needed <= tolerance:
             self._group = fitted
         elif key is not None:
@@ -162,6 +199,22 @@ class Ladder:
         ):
             return fitted, np.inf
         return fitted, fitted.rms
+
+    def _turns(self, hypothesis: Hypothesis) -> bool:
+        """Whether a new order of a hypothesis' axis is distinctly better than arbitrary rotations about it."""
+        context, order = self._context, hypothesis.group.principal_order
+        if order in (1, 2, self._group.group.principal_order) or hypothesis.name[0] in "TOIK":
+            return True
+        return is_symmetric(
+            context.meter,
+            context.judging,
+            hypothesis.axis,
+            hypothesis.centre,
+            order,
+            limit=context.limit,
+            many=lambda: context.many,
+            settings=context.settings,
+        )
 
     @property
     def _implausible(self) -> float:
@@ -267,6 +320,7 @@ class Ladder:
                 known=order,
                 primes=primes,
                 past_facets=past_facets,
+                many=None if precise else lambda: context.many,
                 settings=context.settings,
             )
             if found.arbitrary_rms <= context.limit:

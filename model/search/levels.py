@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.axis_order import explains_better, facet_tolerance
+from model.search.axis_order import explains_better, facet_tolerance, might_explain_better, multiples
 from model.search.context import SearchContext
+from model.search.deviation import SurfaceSamples
 from model.search.hypothesis import Hypothesis
 from model.search.point_groups import ARBITRARY_ANGLES, CONTINUOUS, frame_of, point_group
 from model.search.settings import SearchSettings
@@ -26,10 +27,12 @@ def choose(context: SearchContext, levels: Sequence[Hypothesis]) -> int:
     """The index of the level with the most room above it; finer ones win ties.
 
     The room above a level is how many times more tolerance the next one needs, above the last one the threshold. No
-    level needs less than modelling precision. What holds at a tolerance holds all the more of a part of it: no level
-    costs more than a later one.
+    level needs less than modelling precision, and noise, which is in all of them, counts for none. What holds at a
+    tolerance holds all the more of a part of it: no level costs more than a later one.
     """
-    costs = [max(level.rms, context.settings.modelling_precision) for level in levels]
+    least = context.settings.modelling_precision
+    noise = levels[0].noise(context) if len(levels) > 1 and levels[0].rms > least else 0.0
+    costs = [max(float(np.sqrt(max(level.rms**2 - noise**2, 0.0))), least) for level in levels]
     for index in range(len(costs) - 2, -1, -1):
         costs[index] = min(costs[index], costs[index + 1])
     best, most = len(levels) - 1, -np.inf
@@ -83,11 +86,19 @@ def facing_best_plane(
     return replace(level, frame=frame_of(level.axis, candidates.directions[best]))
 
 
-def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypothesis) -> bool:
+def against_round(
+    context: SearchContext, finite: Hypothesis, continuous: Hypothesis, *, likely: bool = False
+) -> bool:
     """Whether a finite group explains the shape distinctly better than the continuous one that it is a part of.
 
     Rotations by its orders about the continuous axes then fit, and arbitrary ones do not. Differences of the size of
     facets do not count: a cylinder drawn with many segments is meant to be round.
+
+    Args:
+        context: the shape.
+        finite: the one group.
+        continuous: the other.
+        likely: a smaller group about the axis was found to explain it better.
     """
     directions = finite.directions
     orders = np.array(finite.group.orders, dtype=np.int64)
@@ -96,21 +107,30 @@ def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypoth
         about = np.abs(directions @ continuous.axis) > _PARALLEL
     if not about.any():
         return False
-    samples, settings = context.judging, context.settings
+    settings = context.settings
     axis, order = directions[about][0], int(orders[about][0])
-    angles = 2.0 * np.pi / order * np.array([1, max(1, order // 2)])
+    angles = 2.0 * np.pi / order * multiples(order)
     own = Operations.rotations(axis, finite.centre, angles)
     arbitrary = Operations.rotations(axis, finite.centre, ARBITRARY_ANGLES)
     if continuous.name == "Kh":
         arbitrary = Operations.joined([arbitrary, continuous.generators])
-    radius = samples.radius_about(axis, finite.centre)
     deviation = settings.sphere_deviation if continuous.name == "Kh" else settings.round_deviation
-    facets = facet_tolerance(context.meter, samples, radius, deviation, settings)
     cut = settings.truncation**2
-    squared = np.minimum(context.meter.measure(own, samples).squared, cut).mean(0)
-    others = np.minimum(context.meter.measure(arbitrary, samples).squared, cut)
-    others = np.where(others <= np.square(facets), np.minimum(others, squared), others).mean(0)
-    return explains_better(squared, others, settings)
+
+    def compared(samples: SurfaceSamples) -> tuple[FloatArray, FloatArray]:
+        radius = samples.radius_about(axis, finite.centre)
+        facets = facet_tolerance(context.meter, samples, radius, deviation, settings)
+        squared = np.minimum(context.meter.measure(own, samples).squared, cut).mean(0)
+        others = np.minimum(context.meter.measure(arbitrary, samples).squared, cut)
+        others = np.where(others <= np.square(facets), np.minimum(others, squared), others).mean(0)
+        return squared, others
+
+    squared, others = compared(context.judging)
+    if explains_better(squared, others, settings):
+        return True
+    return might_explain_better(squared, others, settings, likely=likely) and explains_better(
+        *compared(context.many), settings, likely=likely
+    )
 
 
 def with_round(
@@ -122,7 +142,10 @@ def with_round(
         turning = [rung for rung in rungs if _turns_about(rung, levels[-1])]
         if not turning and len(levels) < len(continuous):
             break  # it is no sphere, and the lines it is nearly round about are no axes of what it is
-        distinct = [rung for rung in turning if against_round(context, rung, levels[-1])]
+        distinct: list[Hypothesis] = []
+        for rung in turning:
+            if against_round(context, rung, levels[-1], likely=bool(distinct)):
+                distinct.append(rung)
         rungs = [rung for rung in rungs if rung not in turning or rung in distinct]
         if not distinct:
             return [*rungs, *levels]

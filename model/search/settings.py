@@ -12,6 +12,7 @@ class SearchSettings:
     Attributes:
         refine_samples: surface samples that elements are fitted to.
         judge_samples: other samples, on which hypotheses are compared.
+        many_samples: on which two hypotheses are compared that noise makes look alike.
         report_samples: samples behind the errors of the answer, drawn anew.
         file_precision: RMS deviation that rounding of coordinates and fitting leave on an exact symmetry.
         modelling_precision: RMS deviation below which two symmetries are equally good: an SDE of 1e-6, the limit of a
@@ -33,6 +34,8 @@ class SearchSettings:
         significance: one hypothesis explains the surface better than another if the mean difference of their squared
             deviations is so many standard errors from zero ...
         advantage: ... and its mean squared deviation so many times smaller.
+        significance_in_noise, significance_if_likely, advantage_in_noise: the same of many samples.
+        chance: what is better by fewer standard errors is not looked at on more samples.
         largest_order: of a rotation axis.
         same_angle, same_distance: two elements of one kind nearer than this are the same (radians, unit frame).
         tilt: a symmetry is compared with the same element tilted by this angle (radians) ...
@@ -46,6 +49,7 @@ class SearchSettings:
 
     refine_samples: int = 240
     judge_samples: int = 250
+    many_samples: int = 2000
     report_samples: int = 1000
     file_precision: float = 2e-5
     modelling_precision: float = 1e-3
@@ -63,6 +67,10 @@ class SearchSettings:
     most_unsupported: float = 0.01
     significance: float = 3.5
     advantage: float = 1.12
+    significance_in_noise: float = 4.5
+    significance_if_likely: float = 2.5
+    advantage_in_noise: float = 1.03
+    chance: float = 0.5
     largest_order: int = 360
     same_angle: float = float(np.deg2rad(1.5))
     same_distance: float = 0.015
