@@ -190,7 +190,9 @@ class _Axis:
             allowed = np.minimum(
                 _FACET_SLACK * self.meter.facets.at(samples.owners), self.settings.round_deviation * arbitrary.radius
             )
-        reference = _excess(arbitrary.deviations.squared, allowed, self.settings.truncation).mean(0)
+        reference = mean_seen(
+            _excess(arbitrary.deviations.squared, allowed, self.settings.truncation), arbitrary.deviations
+        )
         # Half a step of the order n moves no point farther than this share of the radius: more is not round enough.
         largest = np.pi * arbitrary.radius / max(arbitrary.rms, 1e-12)
         return _Rotations(self, samples, allowed, reference, largest)
@@ -243,30 +245,29 @@ class _Rotations:
         Infinite where they are not distinctly better than arbitrary ones. And how large their squared deviation is, as
         a share of that of arbitrary ones.
         """
-        settings, largest, angles = self.axis.settings, 0.0, 2.0 * np.pi / n * multiples(n)
-        small = True
-        total, worst, reference = np.zeros(len(self.samples)), np.zeros(len(self.samples)), float(self.reference.mean())
-        for count, angle in enumerate(angles, 1):  # the first tells most of those apart that do not hold
+        settings, largest, worst = self.axis.settings, 0.0, 0.0
+        own, reference = np.zeros(len(self.samples)), np.zeros(len(self.samples))
+        for angle in 2.0 * np.pi / n * multiples(n):  # the first tells most of those apart that do not hold
             deviations = self._measured(angle[None])
             largest = max(largest, float(deviations.rms[0]))
             if largest > self.axis.limit:
                 return largest, 1.0
-            excess = _excess(deviations.squared, self.allowed, settings.truncation)[0]
-            worst = excess if excess.mean() > worst.mean() else worst
-            total += excess
-            small = float(worst.mean()) <= _CONTRAST * reference
-            if not small and not might_explain_better(total / count, self.reference, settings, likely=likely):
+            # What is missing says nothing for either.
+            seen = ~deviations.missing[0]
+            excess = np.where(seen, _excess(deviations.squared, self.allowed, settings.truncation)[0], 0.0)
+            beside = np.where(seen, self.reference, 0.0)
+            own, reference = own + excess, reference + beside
+            worst = max(worst, float(excess.mean()) / max(float(beside.mean()), 1e-300))
+            if worst > _CONTRAST and not might_explain_better(own, reference, settings, likely=likely):
                 return np.inf, 1.0
-        if small:
-            return largest, float(worst.mean()) / reference
+        if worst <= _CONTRAST:
+            return largest, worst
         closely = self.axis.closely
         if closely is not None and closely is not self:
             return closely.needed(n, likely=likely)
-        # One of several is the worst by chance where all are noise.
-        own = worst if closely is None else total / len(angles)
-        if not explains_better(own, self.reference, settings, likely=likely):
+        if not explains_better(own, reference, settings, closely=closely is not None, likely=likely):
             return np.inf, 1.0
-        return largest, float(own.mean()) / reference
+        return largest, float(own.mean()) / float(reference.mean())
 
     def _measured(self, angles: FloatArray) -> Deviations:
         return self.axis.meter.measure(Operations.rotations(self.axis.direction, self.axis.point, angles), self.samples)
@@ -275,6 +276,12 @@ class _Rotations:
 def _excess(squared: FloatArray, allowed: FloatArray, truncation: float) -> FloatArray:
     """Squared deviations ``(k, n)`` without what is allowed at each sample ``(n,)``, truncated."""
     return np.square(np.minimum(np.maximum(np.sqrt(squared) - allowed, 0.0), truncation))
+
+
+def mean_seen(squared: FloatArray, deviations: Deviations) -> FloatArray:
+    """The mean of squared deviations ``(k, n)`` over the operations whose counterpart is there: ``(n,)``, 0 of none."""
+    there = ~deviations.missing
+    return np.where(there, squared, 0.0).sum(0) / np.maximum(there.sum(0), 1)
 
 
 def facet_tolerance(
@@ -294,7 +301,12 @@ def facet_tolerance(
 
 
 def explains_better(
-    squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT, *, likely: bool = False
+    squared: FloatArray,
+    others: FloatArray,
+    settings: SearchSettings = DEFAULT,
+    *,
+    closely: bool = False,
+    likely: bool = False,
 ) -> bool:
     """Whether one hypothesis explains a surface distinctly better than another one.
 
@@ -302,12 +314,13 @@ def explains_better(
         squared: ``(n,)`` squared deviations of the first at n samples.
         others: ``(n,)`` those of the other at the same samples.
         settings: ``significance`` and ``advantage``.
+        closely: the samples are many: where noise is most of both, a small part of them is all there is.
         likely: it is before one looks: less proof is asked of many samples.
     """
     difference = others - squared
     spread = float(difference.std()) / np.sqrt(len(difference))
     enough, significance = settings.advantage, settings.significance
-    if len(squared) >= settings.many_samples:  # where noise is most of both, a small part of them is all there is
+    if closely:
         enough = settings.advantage_in_noise
         significance = settings.significance_if_likely if likely else settings.significance_in_noise
     better = float(others.mean()) > enough * float(squared.mean())

@@ -44,7 +44,8 @@ def harmonics(
     across -= (across @ direction)[..., None] * direction
     radius = np.sqrt(np.square(across).sum(2))
     outwards = (ways * across).sum(2) / np.maximum(radius, settings.modelling_precision)
-    departure = outwards.mean(0) - outwards.mean()
+    there = ~meter.measure(rotations, samples).missing
+    departure = np.where(there, outwards - outwards[there].mean(), 0.0).sum(0) / np.maximum(there.sum(0), 1)
     arm = samples.points - point
     angles = np.arctan2(arm @ second, arm @ first)
     places = np.floor(angles / (2.0 * np.pi) * _PLACES).astype(np.int64) % _PLACES

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.axis_order import explains_better, facet_tolerance, might_explain_better, multiples
+from model.search.axis_order import explains_better, facet_tolerance, mean_seen, might_explain_better, multiples
 from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
 from model.search.hypothesis import Hypothesis
@@ -86,9 +86,7 @@ def facing_best_plane(
     return replace(level, frame=frame_of(level.axis, candidates.directions[best]))
 
 
-def against_round(
-    context: SearchContext, finite: Hypothesis, continuous: Hypothesis, *, likely: bool = False
-) -> bool:
+def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypothesis, *, likely: bool = False) -> bool:
     """Whether a finite group explains the shape distinctly better than the continuous one that it is a part of.
 
     Rotations by its orders about the continuous axes then fit, and arbitrary ones do not. Differences of the size of
@@ -120,16 +118,18 @@ def against_round(
     def compared(samples: SurfaceSamples) -> tuple[FloatArray, FloatArray]:
         radius = samples.radius_about(axis, finite.centre)
         facets = facet_tolerance(context.meter, samples, radius, deviation, settings)
-        squared = np.minimum(context.meter.measure(own, samples).squared, cut).mean(0)
-        others = np.minimum(context.meter.measure(arbitrary, samples).squared, cut)
-        others = np.where(others <= np.square(facets), np.minimum(others, squared), others).mean(0)
-        return squared, others
+        found, beside = context.meter.measure(own, samples), context.meter.measure(arbitrary, samples)
+        both = ~found.missing.all(0) & ~beside.missing.all(0)
+        squared = mean_seen(np.minimum(found.squared, cut), found)
+        others = np.minimum(beside.squared, cut)
+        others = mean_seen(np.where(others <= np.square(facets), np.minimum(others, squared), others), beside)
+        return squared[both], others[both]
 
     squared, others = compared(context.judging)
     if explains_better(squared, others, settings):
         return True
     return might_explain_better(squared, others, settings, likely=likely) and explains_better(
-        *compared(context.many), settings, likely=likely
+        *compared(context.many), settings, closely=True, likely=likely
     )
 
 
