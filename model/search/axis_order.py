@@ -11,7 +11,7 @@ from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
 from model.search.harmonics import harmonics
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
-from model.types import FloatArray, IntArray
+from model.types import BoolArray, FloatArray, IntArray
 
 _SCREEN_STRIDE, _SCREEN_FACTOR, _SCREEN_SIGNIFICANCE = 8, 4.0, 1.0
 """A rotation that is so many times too bad on every eighth sample, or hardly better there than arbitrary ones (by less
@@ -190,9 +190,8 @@ class _Axis:
             allowed = np.minimum(
                 _FACET_SLACK * self.meter.facets.at(samples.owners), self.settings.round_deviation * arbitrary.radius
             )
-        reference = mean_seen(
-            _excess(arbitrary.deviations.squared, allowed, self.settings.truncation), arbitrary.deviations
-        )
+        excess = _excess(arbitrary.deviations.squared, allowed, self.settings.truncation)
+        reference = mean_where(excess, self.meter.telling(arbitrary.deviations))
         # Half a step of the order n moves no point farther than this share of the radius: more is not round enough.
         largest = np.pi * arbitrary.radius / max(arbitrary.rms, 1e-12)
         return _Rotations(self, samples, allowed, reference, largest)
@@ -252,8 +251,7 @@ class _Rotations:
             largest = max(largest, float(deviations.rms[0]))
             if largest > self.axis.limit:
                 return largest, 1.0
-            # What is missing says nothing for either.
-            seen = ~deviations.missing[0]
+            seen = self.axis.meter.telling(deviations)[0]
             excess = np.where(seen, _excess(deviations.squared, self.allowed, settings.truncation)[0], 0.0)
             beside = np.where(seen, self.reference, 0.0)
             own, reference = own + excess, reference + beside
@@ -278,10 +276,9 @@ def _excess(squared: FloatArray, allowed: FloatArray, truncation: float) -> Floa
     return np.square(np.minimum(np.maximum(np.sqrt(squared) - allowed, 0.0), truncation))
 
 
-def mean_seen(squared: FloatArray, deviations: Deviations) -> FloatArray:
-    """The mean of squared deviations ``(k, n)`` over the operations whose counterpart is there: ``(n,)``, 0 of none."""
-    there = ~deviations.missing
-    return np.where(there, squared, 0.0).sum(0) / np.maximum(there.sum(0), 1)
+def mean_where(values: FloatArray, there: BoolArray) -> FloatArray:
+    """The mean of values ``(k, n)`` over those k that are ``there`` ``(k, n)``: ``(n,)``, 0 of none."""
+    return np.where(there, values, 0.0).sum(0) / np.maximum(there.sum(0), 1)
 
 
 def facet_tolerance(

@@ -20,6 +20,9 @@ from model.geometry.surface import SurfaceIndex
 from model.search.facets import Facets
 from model.types import BoolArray, ByteArray, FloatArray, IntArray
 
+_TORN = 0.03
+"""Part of the rims of an open surface that zigzags, above which something may have been torn off."""
+
 _MOST_KEPT = 2_500
 """Deviations of one measurement that are kept."""
 
@@ -128,6 +131,18 @@ class DeviationMeter:
     def raggedness(self) -> float:
         """See `OpenBoundary`."""
         return self._boundary.raggedness
+
+    @property
+    def is_torn(self) -> bool:
+        """Whether rims zigzag, as where something was torn off; else the surface ends as somebody drew it."""
+        return self.raggedness > _TORN
+
+    def telling(self, deviations: Deviations) -> BoolArray:
+        """Which deviations say something of two operations that are compared, ``(k, n)``.
+
+        What was torn off says nothing for either. Where a surface ends as it was drawn, an image beyond its end does.
+        """
+        return ~deviations.missing if self.is_torn else np.ones(deviations.missing.shape, dtype=np.bool_)
 
     def measure(self, operations: Operations, samples: SurfaceSamples) -> Deviations:
         """Deviations of k operations at n samples of the surface; unless they are many they are kept, to be told again.

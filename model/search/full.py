@@ -27,9 +27,8 @@ _MOST_THROUGH_ROUND = 3
 _DIRECTION_STRIDE = 5
 _ALONG = float(np.sin(np.deg2rad(8.0)))
 
-_TORN, _ONE_SIDED = 0.03, 0.25
-"""Of an open surface: the part of its rims that zigzags, above which something may have been torn off, and the length
-of its mean normal, above which only one side of it may have been seen."""
+_ONE_SIDED = 0.25
+"""Length of the mean normal of an open surface, above which only one side of it may have been seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +76,7 @@ def find_symmetries(context: SearchContext, network: NetworkOutput | None, sourc
     starts = _starts(context, network, sources, [direction for direction, _ in nearly_round], holed)
     refined = refine_and_deduplicate(context, starts, _starts_beside(context, sources) if holed else None)
     ladder = Ladder(context, lines, holed=holed)
-    ladder.climb(refined.operations, refined.rms, refined.costs)
+    ladder.climb(refined.operations, refined.costs)
     ladder.extend_roughly()
     continuous: list[Hypothesis] = []
     for direction, point in [*nearly_round, *ladder.round_lines]:
@@ -104,8 +103,7 @@ def _is_whole(context: SearchContext, sources: Sources) -> bool:
     A part that was missing would leave a ragged rim, and hardly ever a symmetry without it. Then nothing is looked for
     that only what is missing could hide.
     """
-    meter = context.meter
-    if not sources.scan or meter.raggedness > _TORN or meter.one_sidedness > _ONE_SIDED:
+    if not sources.scan or context.meter.is_torn or context.meter.one_sidedness > _ONE_SIDED:
         return False
     return fits_whole(context, _starts(context, None, sources, [], holed=False))
 

@@ -64,14 +64,8 @@ class Ladder:
         self.rungs: list[Hypothesis] = []
         self.round_lines: list[tuple[FloatArray, FloatArray]] = []
 
-    def climb(self, candidates: Operations, rms: FloatArray, costs: FloatArray) -> None:
-        """Take in candidates, precise ones in batches, others one by one.
-
-        Args:
-            candidates: k operations.
-            rms: their RMS deviations ``(k,)``.
-            costs: what they are put in order by ``(k,)``.
-        """
+    def climb(self, candidates: Operations, costs: FloatArray) -> None:
+        """Take in candidates ``(k,)`` by rising ``costs`` ``(k,)``, precise ones in batches, others one by one."""
         settings, limit = self._context.settings, self._context.limit
         needed = costs.copy()  # the tolerance that each is tried at next
         for precision in (settings.file_precision, settings.modelling_precision, settings.feature_precision):
@@ -98,7 +92,7 @@ class Ladder:
             least = max(float(needed[index]), settings.feature_precision / settings.growth)
             if self._group.name == "C1" and self._grows(least):
                 self._note()  # an axis that fits better than any plane or half turn comes before them
-            tolerance = self._beyond(max(float(rms[index]), self._group.rms))
+            tolerance = self._beyond(max(float(needed[index]), self._group.rms))
             if self._add(candidates[[index]], tolerance) <= tolerance:
                 self._extend(self._beyond(self._group.rms))
                 self._note()

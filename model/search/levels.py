@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.axis_order import explains_better, facet_tolerance, mean_seen, might_explain_better, multiples
+from model.search.axis_order import explains_better, facet_tolerance, mean_where, might_explain_better, multiples
 from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
 from model.search.hypothesis import Hypothesis
@@ -119,10 +119,11 @@ def against_round(context: SearchContext, finite: Hypothesis, continuous: Hypoth
         radius = samples.radius_about(axis, finite.centre)
         facets = facet_tolerance(context.meter, samples, radius, deviation, settings)
         found, beside = context.meter.measure(own, samples), context.meter.measure(arbitrary, samples)
-        both = ~found.missing.all(0) & ~beside.missing.all(0)
-        squared = mean_seen(np.minimum(found.squared, cut), found)
+        telling, telling_beside = context.meter.telling(found), context.meter.telling(beside)
+        both = telling.any(0) & telling_beside.any(0)
+        squared = mean_where(np.minimum(found.squared, cut), telling)
         others = np.minimum(beside.squared, cut)
-        others = mean_seen(np.where(others <= np.square(facets), np.minimum(others, squared), others), beside)
+        others = mean_where(np.where(others <= np.square(facets), np.minimum(others, squared), others), telling_beside)
         return squared[both], others[both]
 
     squared, others = compared(context.judging)
