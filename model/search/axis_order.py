@@ -1,7 +1,7 @@
 """By which angles a shape may be rotated about an axis: the order of the axis, or every angle."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -164,11 +164,13 @@ def is_symmetric(
         many: gives more samples, asked where the others do not tell it from noise.
         settings: the thresholds.
     """
-    arbitrary = roundness(meter, samples, direction, point, settings)
-    if arbitrary.is_round:
+    few = samples.every(_SCREEN_STRIDE)
+    rough = _Axis(meter, direction, point, limit, False, None, settings)
+    if rough.against(few, roundness(meter, few, direction, point, settings)).needed(order)[1] <= _CONTRAST:
         return True
+    arbitrary = roundness(meter, samples, direction, point, settings)
     axis = _Axis(meter, direction, point, limit, False, many, settings)
-    return axis.against(samples, arbitrary).needed(order)[0] <= limit
+    return arbitrary.is_round or axis.against(samples, arbitrary).needed(order)[0] <= limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +205,7 @@ class _Axis:
             return None
         samples = self.many()
         arbitrary = roundness(self.meter, samples, self.direction, self.point, self.settings)
-        return self.against(samples, arbitrary)
+        return replace(self.against(samples, arbitrary), is_close=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,7 +213,7 @@ class _Rotations:
     """Rotations about an axis, seen on n ``samples``.
 
     ``allowed`` ``(n,)``: what is taken off deviations; ``reference`` ``(n,)``: squared ones of arbitrary angles;
-    ``largest``: order that can be told.
+    ``largest``: order that can be told; ``is_close``: the samples are as many as there are.
     """
 
     axis: _Axis
@@ -219,6 +221,7 @@ class _Rotations:
     allowed: FloatArray
     reference: FloatArray
     largest: float
+    is_close: bool = False
 
     def promising(self, orders: Iterable[int]) -> tuple[list[int], float]:
         """Those of some orders whose rotation is not far too bad, and the least RMS deviation that others may have."""
@@ -260,11 +263,9 @@ class _Rotations:
                 return np.inf, 1.0
         if worst <= _CONTRAST:
             return largest, worst
-        closely = self.axis.closely
-        if closely is not None and closely is not self:
-            return closely.needed(n, likely=likely)
-        if not explains_better(own, reference, settings, closely=closely is not None, likely=likely):
-            return np.inf, 1.0
+        if not explains_better(own, reference, settings, closely=self.is_close, likely=likely):
+            closely = None if self.is_close else self.axis.closely
+            return (np.inf, 1.0) if closely is None else closely.needed(n, likely=likely)
         return largest, float(own.mean()) / float(reference.mean())
 
     def _measured(self, angles: FloatArray) -> Deviations:

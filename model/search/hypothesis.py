@@ -21,7 +21,7 @@ _MEASUREMENTS = 1000
 """Distances a hypothesis costs: of more operations each is measured on fewer samples."""
 
 _CLOSE_SCALE, _AS_GOOD = 0.02, 1.5
-_SETTLING_STRIDE = 3
+_SETTLING_STRIDE, _NOISE_STRIDE = 3, 2
 _SETTLED = 1e-6
 """Part of what the coordinates promise: a frame that moves less is settled."""
 
@@ -151,7 +151,7 @@ class Hypothesis:
 
     def noise(self, context: SearchContext) -> float:
         """The part of its RMS deviation that is noise, see `DeviationMeter.noise`: the least over its generators."""
-        return min(self.rms, float(context.meter.noise(self.generators, context.judging).min(initial=np.inf)))
+        return min(self.rms, float(context.meter.noise(self.generators, context.judging.every(_NOISE_STRIDE)).min(initial=np.inf)))
 
     def is_believed(self, settings: SearchSettings) -> bool:
         """Whether enough of the surface bears it out, and not too much contradicts it."""
