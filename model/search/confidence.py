@@ -49,7 +49,7 @@ class Evidence:
     mean normal of an open surface. ``ragged``: logarithm of the share of its rims that zigzags, as where something
     was torn off. ``as_is``: like ``deviation``, as if nothing were missing, which decides where nothing is. ``behind``:
     share of the surface whose counterpart was not seen because it lies behind the near side of what is there, not
-    beyond an edge. ``open``: 1 if there are open edges, else 0: with the products of the others it makes two
+    beyond an edge. ``noise``: like ``deviation``, what of it changes from one place to the next. ``open``: 1 if there are open edges, else 0: with the products of the others it makes two
     regressions of one.
     """
 
@@ -67,6 +67,7 @@ class Evidence:
     ragged: float
     as_is: float
     behind: float
+    noise: float
     open: float
 
 
@@ -112,6 +113,7 @@ def evidence(context: SearchContext, level: Hypothesis, network: NetworkOutput |
         ragged=_logarithm(context.meter.raggedness, _STRAIGHT),
         as_is=min(_logarithm(level.as_is / limit, _ROUNDED), _FARTHEST_OFF),
         behind=float((found.unseen == BEHIND).mean()),
+        noise=_logarithm(float(context.meter.noise(operations, samples).max()) / limit, _ROUNDED),
         open=float(not context.meter.closed),
     )
 

@@ -151,7 +151,10 @@ class Hypothesis:
 
     def noise(self, context: SearchContext) -> float:
         """The part of its RMS deviation that is noise, see `DeviationMeter.noise`: the least over its generators."""
-        return min(self.rms, float(context.meter.noise(self.generators, context.judging.every(_NOISE_STRIDE)).min(initial=np.inf)))
+        return min(
+            self.rms,
+            float(context.meter.noise(self.generators, context.judging.every(_NOISE_STRIDE)).min(initial=np.inf)),
+        )
 
     def is_believed(self, settings: SearchSettings) -> bool:
         """Whether enough of the surface bears it out, and not too much contradicts it."""
