@@ -128,7 +128,7 @@ def rotation_order(
     if many is not None and not arbitrary.is_round and arbitrary.rms <= limit:
         # On few samples noise makes all orders look alike.
         shown = harmonics(meter, many().every(_HARMONICS_STRIDE), direction, point, settings)
-        factors, needed = [n for prime, n in powers.items() if (shown % prime == 0).any()], np.inf
+        factors, needed = [n for prime, n in powers.items() if any(order % prime == 0 for order in shown)], np.inf
     else:
         factors, needed = screen.promising(powers.values())
     if not arbitrary.is_round and not factors:

@@ -49,8 +49,8 @@ class Evidence:
     mean normal of an open surface. ``ragged``: logarithm of the share of its rims that zigzags, as where something
     was torn off. ``as_is``: like ``deviation``, as if nothing were missing, which decides where nothing is. ``behind``:
     share of the surface whose counterpart was not seen because it lies behind the near side of what is there, not
-    beyond an edge. ``noise``: like ``deviation``, what of it changes from one place to the next. ``open``: 1 if there are open edges, else 0: with the products of the others it makes two
-    regressions of one.
+    beyond an edge. ``noise``: like ``deviation``, what of it is noise. ``open``: 1 if there are open edges, else 0:
+    with the products of the others it makes two regressions of one.
     """
 
     deviation: float

@@ -10,7 +10,7 @@ from model.geometry.operations import Operations
 from model.search.deviation import DeviationMeter, SurfaceSamples
 from model.search.point_groups import ARBITRARY_ANGLES, frame_of
 from model.search.settings import DEFAULT, SearchSettings
-from model.types import FloatArray, IntArray
+from model.types import FloatArray
 
 _POWER = 9.0
 """Of noise, one coefficient in e to this has as many times the mean power: one of 22 axes has one of 360."""
@@ -24,7 +24,7 @@ def harmonics(
     direction: FloatArray,
     point: FloatArray,
     settings: SearchSettings = DEFAULT,
-) -> IntArray:
+) -> list[int]:
     """The orders of the strongest harmonics about an axis, at least 2, the strongest first; none if all may be noise.
 
     Args:
@@ -52,4 +52,4 @@ def harmonics(
     waves = np.fft.rfft(np.bincount(places, departure, _PLACES))[2 : settings.largest_order + 1]
     power = np.square(np.abs(waves)) / max(float(np.square(departure).sum()), 1e-300)
     strongest = np.argsort(-power, kind="stable")[:_MOST]
-    return 2 + strongest[power[strongest] > _POWER]
+    return [2 + int(order) for order in strongest if power[order] > _POWER]
