@@ -7,11 +7,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from model.geometry.operations import Operations
+from model.search.comparison import explains_better, mean_where, might_explain_better
 from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
 from model.search.harmonics import harmonics
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
-from model.types import BoolArray, FloatArray, IntArray
+from model.types import FloatArray, IntArray
 
 _SCREEN_STRIDE, _SCREEN_FACTOR, _SCREEN_SIGNIFICANCE = 8, 4.0, 1.0
 """A rotation that is so many times too bad on every eighth sample, or hardly better there than arbitrary ones (by less
@@ -277,11 +278,6 @@ def _excess(squared: FloatArray, allowed: FloatArray, truncation: float) -> Floa
     return np.square(np.minimum(np.maximum(np.sqrt(squared) - allowed, 0.0), truncation))
 
 
-def mean_where(values: FloatArray, there: BoolArray) -> FloatArray:
-    """The mean of values ``(k, n)`` over those k that are ``there`` ``(k, n)``: ``(n,)``, 0 of none."""
-    return np.where(there, values, 0.0).sum(0) / np.maximum(there.sum(0), 1)
-
-
 def facet_tolerance(
     meter: DeviationMeter,
     samples: SurfaceSamples,
@@ -296,42 +292,6 @@ def facet_tolerance(
     """
     sagittas = _FACET_SLACK * meter.facets.at(samples.owners)
     return np.minimum(np.maximum(sagittas, settings.modelling_precision), deviation * radius)
-
-
-def explains_better(
-    squared: FloatArray,
-    others: FloatArray,
-    settings: SearchSettings = DEFAULT,
-    *,
-    closely: bool = False,
-    likely: bool = False,
-) -> bool:
-    """Whether one hypothesis explains a surface distinctly better than another one.
-
-    Args:
-        squared: ``(n,)`` squared deviations of the first at n samples.
-        others: ``(n,)`` those of the other at the same samples.
-        settings: ``significance`` and ``advantage``.
-        closely: the samples are many: where noise is most of both, a small part of them is all there is.
-        likely: it is before one looks: less proof is asked of many samples.
-    """
-    difference = others - squared
-    spread = float(difference.std()) / np.sqrt(len(difference))
-    enough, significance = settings.advantage, settings.significance
-    if closely:
-        enough = settings.advantage_in_noise
-        significance = settings.significance_if_likely if likely else settings.significance_in_noise
-    better = float(others.mean()) > enough * float(squared.mean())
-    return better and float(difference.mean()) > significance * spread
-
-
-def might_explain_better(
-    squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT, *, likely: bool = False
-) -> bool:
-    """Whether more samples may show that `explains_better` holds: on these it is better, be it by chance."""
-    difference = others - squared
-    spread = float(difference.std()) / np.sqrt(len(difference))
-    return float(difference.mean()) > (-1.0 if likely else settings.chance) * spread
 
 
 def _order(rotations: _Rotations, primes: list[int], known: int, needed: float) -> tuple[int, float]:

@@ -13,16 +13,15 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import START_SCALE, refine
 from model.search.axis_order import PRIMES, is_symmetric, prime_rotations, rotation_order
 from model.search.context import SearchContext
+from model.search.extensions import azimuths, with_axis
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.lines import PARALLEL, common_point, distances_from, distinct_lines
-from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, point_group
+from model.search.point_groups import ARBITRARY_ANGLES, point_group
 from model.search.supergroups import EXACT_ANGLE, ROUGH_ANGLE, generated, supergroups
 from model.search.tilting import tilted
 from model.types import FloatArray
 
 _SCREEN_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13)
-_AZIMUTHS, _BEST_AZIMUTHS = 32, 3
-_PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
 _LARGEST_CLOSED = 260
 _HOPELESS, _NEARLY, _BARELY = 4.0, 2.0, 0.8
 _GLANCE_STRIDE = 3
@@ -326,7 +325,7 @@ class Ladder:
                 continue
             tried.add(found.order)
             angle = 2.0 * np.pi / found.order
-            suggestion = self._with_axis(direction, point, found.order)
+            suggestion = with_axis(group, direction, point, found.order)
             if suggestion is not None and self._try(suggestion, tolerance) <= tolerance:
                 return True
             rotation = Operations.rotations(direction, point, angle)
@@ -351,42 +350,6 @@ class Ladder:
         if all(abs(float(direction @ other)) < PARALLEL for other, _ in self.round_lines):
             self.round_lines.append((direction, point))
 
-    def _with_axis(self, direction: FloatArray, point: FloatArray, order: int) -> Hypothesis | None:
-        """The group grown by an axis that all it holds goes with, as the principal one; None if something does not."""
-        group = self._group
-        normals, axes = group.group.normals @ group.frame, group.directions
-        orders = np.array(group.group.orders, dtype=np.int64)
-        to_normals, to_axes = np.abs(normals @ direction), np.abs(axes @ direction)
-        through, across = to_normals < _PERPENDICULAR, to_normals > PARALLEL
-        half, along = (to_axes < _PERPENDICULAR) & (orders == 2), to_axes > PARALLEL
-        if not ((through | across).all() and (half | along).all()):
-            return None
-        inverted = group.name == "Ci" or bool(
-            len(group.matrices) and (np.trace(group.matrices, axis1=1, axis2=2) < -2.9).any()
-        )
-        has_across = bool(across.any()) or (inverted and order % 2 == 0)
-        name = axial_name(
-            order,
-            through=bool(through.any()),
-            across=has_across,
-            half_turns=bool(half.any()),
-            rotoreflection=inverted and order % 2 == 1,
-        )
-        side = direction
-        if half.any():
-            side = axes[half][0]
-        elif through.any():
-            normal = normals[through][0]
-            side = normal if name.endswith("v") else np.cross(normal, direction)
-            if name.endswith("d"):  # half turns lie between the planes
-                angle = np.pi / (2.0 * order)
-                side = np.cos(angle) * side + np.sin(angle) * np.cross(direction, side)
-        centre = common_point(
-            Operations.joined([group.generators, Operations.rotations(direction, point, 2.0 * np.pi / order)]),
-            group.centre,
-        )
-        return Hypothesis(point_group(name), frame_of(direction, side), centre)
-
     def _suggested(self, tolerance: float) -> Iterator[tuple[Hypothesis, tuple[object, ...] | None]]:
         """Larger groups that the one so far may be a part of, the likeliest first, with the keys they are known by."""
         group = self._group
@@ -405,37 +368,6 @@ class Ladder:
                 centre = self._refined(inversion, 12).points[0]
             yield Hypothesis(point_group(larger), frame, centre), key
         if order > 1 and name[0] in "CS" and not name.endswith("v"):
-            yield from self._azimuths(tolerance)
-
-    def _azimuths(self, tolerance: float) -> Iterator[tuple[Hypothesis, tuple[object, ...] | None]]:
-        """Planes through the principal axis, and half turns across it: where they are is not known.
-
-        Both repeat with the period pi / n about an axis of order n: of many azimuths within one the best are tried.
-        """
-        group, context = self._group, self._context
-        key = ("azimuths", group.name)
-        if self._was_tried(key, tolerance):
-            return
-        order = group.group.principal_order
-        first, second = group.frame[0], group.frame[1]
-        angles = np.pi / order * np.arange(_AZIMUTHS) / _AZIMUTHS
-        sides = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
-        planes = Operations.reflections(np.column_stack([sides, -sides @ group.centre]))
-        turns = Operations.rotations(sides, group.centre, np.pi)
-        across = group.name.endswith("h")
-        for kind, symbol in ((planes, "v"), (turns, "")):
-            squared = context.meter.measure(kind, context.samples.every(5)).squared
-            errors = np.minimum(squared, context.settings.truncation**2).mean(1)
-            for index in np.argsort(errors, kind="stable")[:_BEST_AZIMUTHS].tolist():
-                side = sides[index]
-                if symbol == "v" and not across:
-                    name = f"C{order}v"
-                    if group.name[0] == "S":
-                        name, angle = f"D{order}d", np.pi / (2.0 * order) + np.pi / 2.0
-                        side = np.cos(angle) * side + np.sin(angle) * np.cross(group.axis, side)
-                elif across:
-                    name = f"D{order}h"
-                    side = np.cross(side, group.axis) if symbol == "v" else side
-                else:
-                    name = f"D{order}d" if group.name[0] == "S" else f"D{order}"
-                yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre), None
+            key = ("azimuths", name)
+            if not self._was_tried(key, tolerance):
+                yield from ((hypothesis, None) for hypothesis in azimuths(self._context, group))

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from model.geometry.operations import Operations
-from model.search.axis_order import explains_better, facet_tolerance, mean_where, might_explain_better, multiples
+from model.search.axis_order import facet_tolerance, multiples
+from model.search.comparison import explains_better, mean_where, might_explain_better
 from model.search.context import SearchContext
 from model.search.deviation import SurfaceSamples
 from model.search.hypothesis import Hypothesis
