@@ -264,9 +264,11 @@ class _Rotations:
                 return np.inf, 1.0
         if worst <= _CONTRAST:
             return largest, worst
+        closely = None if self.is_close else self.axis.closely
+        if closely is not None:
+            return closely.needed(n, likely=likely)
         if not explains_better(own, reference, settings, closely=self.is_close, likely=likely):
-            closely = None if self.is_close else self.axis.closely
-            return (np.inf, 1.0) if closely is None else closely.needed(n, likely=likely)
+            return np.inf, 1.0
         return largest, float(own.mean()) / float(reference.mean())
 
     def _measured(self, angles: FloatArray) -> Deviations:
