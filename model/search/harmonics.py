@@ -34,18 +34,20 @@ def harmonics(
         point: on the axis ``(3,)``.
         settings: the largest order, and how far distances count.
     """
-    rotations = Operations.rotations(direction, point, ARBITRARY_ANGLES)
-    images = rotations.apply(samples.points)
-    ways = meter.surface.closest(images.reshape(-1, 3))[0].reshape(images.shape) - images
-    length = np.sqrt(np.square(ways).sum(2, keepdims=True))
-    ways *= settings.truncation / np.maximum(length, settings.truncation)
+    outwards, seen = np.zeros(len(samples)), np.zeros(len(samples), dtype=np.int64)
+    for angle in ARBITRARY_ANGLES:
+        rotation = Operations.rotations(direction, point, angle)
+        images = rotation.apply(samples.points)[0]
+        ways = meter.surface.closest(images)[0] - images
+        across = images - point
+        across -= np.outer(across @ direction, direction)
+        length = np.maximum(np.sqrt(np.square(ways).sum(1)), settings.truncation)
+        radius = np.maximum(np.sqrt(np.square(across).sum(1)), settings.modelling_precision)
+        there = ~meter.measure(rotation, samples).missing[0]
+        outwards[there] += ((ways * across).sum(1) / radius * settings.truncation / length)[there]
+        seen += there
+    departure = np.where(seen > 0, (outwards - seen * outwards.sum() / max(seen.sum(), 1)) / np.maximum(seen, 1), 0.0)
     first, second, _ = frame_of(direction, direction)
-    across = images - point
-    across -= (across @ direction)[..., None] * direction
-    radius = np.sqrt(np.square(across).sum(2))
-    outwards = (ways * across).sum(2) / np.maximum(radius, settings.modelling_precision)
-    there = ~meter.measure(rotations, samples).missing
-    departure = np.where(there, outwards - outwards[there].mean(), 0.0).sum(0) / np.maximum(there.sum(0), 1)
     arm = samples.points - point
     angles = np.arctan2(arm @ second, arm @ first)
     places = np.floor(angles / (2.0 * np.pi) * _PLACES).astype(np.int64) % _PLACES

@@ -40,7 +40,9 @@ def prism(corners: int, seed: int | None = None) -> tuple[np.ndarray, np.ndarray
 def test_noise_is_told_from_a_difference_of_shape() -> None:
     vertices, faces = prism(6, 1)
     meter, samples = measured(vertices, faces)
-    deviation, noise = (float(values[0]) for values in (meter.measure(ACROSS, samples).rms, meter.noise(ACROSS, samples)))
+    deviation, noise = (
+        float(values[0]) for values in (meter.measure(ACROSS, samples).rms, meter.noise(ACROSS, samples))
+    )
     assert 0.6 * deviation < noise < 1.4 * deviation
     vertices, faces = prism(6)
     moved = vertices + np.array([0.0, 0.0, 0.02])  # every image lies as far off, the same way

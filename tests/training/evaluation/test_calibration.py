@@ -36,7 +36,7 @@ def test_a_known_probability_is_learned() -> None:
 
 
 def test_where_nothing_tells_nothing_is_claimed() -> None:
-    record = calibrate(groups(3000, honest=False))["measured"]
+    record = calibrate(groups(9000, honest=False))["measured"]
     assert record["brier"] > 0.23
     assert all(0.3 < each["confidence"] < 0.7 for each in record["reliability"] if each["count"] > 50)
 
