@@ -46,7 +46,9 @@ class Experiment:
         words: only shapes whose name has one of these; empty: all.
         limit: so many shapes, drawn at random.
         max_error: threshold on the SDE.
-        gallery: of so many shapes a picture of the planes of every method, with the error of each as colours.
+        gallery: of so many shapes pictures of what every method returned.
+        pictures: which, of `training.reproduction.pictures.GALLERIES`: ``best`` plane with its error as colours, all
+            ``planes``, ``axes``; the last two of networks and detectors alone, if there are any.
         recipe: the training recipe of the variants.
         start: weights that they begin with; empty: random ones.
         steps: of their training.
@@ -68,6 +70,7 @@ class Experiment:
     limit: int = 100
     max_error: float = 4e-4
     gallery: int = 0
+    pictures: tuple[str, ...] = ("best",)
     recipe: str = "default"
     start: str = ""
     steps: int = 600

@@ -1,23 +1,28 @@
-"""Pictures of an experiment: one figure of every method as bars, and shapes with the planes of every method."""
+"""Pictures of an experiment: one figure of every method as bars, and shapes with what each method returned for them."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from model.geometry.frames import UnitFrame
-from model.geometry.sampling import sample_surface
 from model.geometry.transforms import reflect
 from model.types import FloatArray
 from training.evaluation.report import Column
 from training.layouts import find_meshes, parse
+from training.reproduction.solid_view import SolidView
 
-_POINTS = 1500
 _WORST = 0.1
 """Distance, unit frame, at which the colours of a gallery end."""
+
+_GREY, _PALE = np.full(3, 0.72), np.full(3, 0.88)
+_RED, _GREEN, _ORANGE = np.array([0.85, 0.1, 0.1]), np.array([0.05, 0.55, 0.2]), np.array([0.95, 0.5, 0.0])
 
 _WIDE = 20.0
 """Bars whose lengths differ by such a factor are drawn on a logarithmic scale."""
@@ -54,50 +59,82 @@ def draw_gallery(
     records: Sequence[Mapping[str, Any]],
     figures: Mapping[str, Mapping[str, Any]],
     out: Path,
+    kind: str = "best",
+    max_error: float = 4e-4,
 ) -> None:
-    """A row a shape, a column a method: the best plane, the surface coloured by how far it is from the truth.
-
-    As the paper's heat maps: a point's colour is the distance between its images in the method's plane and in the
-    nearest clear one (grey where the shape has none), from none (dark) to 10 % of the unit frame (yellow).
+    """A row a shape, a column a method, a line of figures under each: intact shapes with what was returned.
 
     Args:
         folders: where the meshes are.
         records: of the shapes, as `training.evaluation.evaluate.evaluate` returns them.
         figures: the methods, with their titles.
         out: PNG to write.
+        kind: one of `GALLERIES`.
+        max_error: threshold on the SDE.
     """
     files = {source.name: source.path for source in find_meshes(folders)}
-    picture = Figure(figsize=(1.7 * len(figures), 1.9 * len(records) + 0.4), layout="constrained")
+    draw = GALLERIES[kind]
+    narrow = ConstrainedLayoutEngine(w_pad=0.01, h_pad=0.02)
+    picture = Figure(figsize=(1.45 * len(figures), 1.66 * len(records) + 0.5), layout=narrow)
     FigureCanvasAgg(picture)
-    cells = picture.subplots(len(records), len(figures), squeeze=False, subplot_kw={"projection": "3d"})
+    cells = picture.subplots(len(records), len(figures), squeeze=False)
     for row, record in enumerate(records):
         mesh = parse(files[record["name"]].read_bytes(), files[record["name"]].name)
-        vertices = UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices)
-        points, _ = sample_surface(vertices, mesh.faces, _POINTS, seed=0)
+        view = SolidView(UnitFrame.of(mesh.vertices, mesh.faces).to_unit(mesh.vertices), mesh.faces)
         for column, (method, of) in enumerate(figures.items()):
             axes = cells[row, column]
-            axes.set_axis_off()
-            axes.set_box_aspect((1, 1, 1))
-            axes.set(xlim=(-0.45, 0.45), ylim=(-0.45, 0.45), zlim=(-0.45, 0.45))
+            image, below = draw(view, record["methods"][method], max_error)
+            axes.imshow(image, interpolation="bilinear")
+            axes.set(xticks=[], yticks=[])
+            axes.set_xlabel(below, fontsize=7, labelpad=1)
+            for side in axes.spines.values():
+                side.set_color("0.85")
             if row == 0:
-                axes.set_title(of["title"], fontsize=6)
-            answer = record["methods"][method]
-            if not answer["planes"]:
-                axes.scatter(*points.T, s=1, c="0.8")
-                continue
-            plane = np.array(answer["planes"][int(np.argmin(answer["plane_sde"]))])
-            colours: Any = "0.6"
-            if answer["nearest"] is not None:
-                gap = np.linalg.norm(reflect(points, plane) - reflect(points, np.array(answer["nearest"])), axis=1)
-                colours = np.minimum(gap, _WORST)
-            axes.scatter(*points.T, s=1, c=colours, vmin=0.0, vmax=_WORST, cmap="viridis")
-            axes.plot_surface(*_square(plane), color="tab:red", alpha=0.25)
+                axes.set_title(of["title"].replace(", ", ",\n").replace(" with ", "\nwith "), fontsize=8)
     picture.savefig(out, dpi=110)
 
 
-def _square(plane: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A square of the plane (n, d) about the point nearest to the origin: its corners as a 2 x 2 grid."""
-    first, second = np.linalg.svd(plane[None, :3])[2][1:]
-    corners = [[-plane[3] * plane[:3] + 0.4 * (a * first + b * second) for b in (-1, 1)] for a in (-1, 1)]
-    x, y, z = np.moveaxis(np.array(corners), 2, 0)
-    return x, y, z
+def _best_plane(view: SolidView, answer: Mapping[str, Any], max_error: float) -> tuple[FloatArray, str]:
+    """The best plane, the surface coloured by how far it is from the truth, as the paper's heat maps.
+
+    A point's colour is the distance between its images in this plane and in the nearest clear one (grey where the shape
+    has none), from none (dark) to 10 % of the unit frame (yellow).
+    """
+    if not answer["planes"]:
+        return view.draw(_PALE), "no plane"
+    best = int(np.argmin(answer["plane_sde"]))
+    plane, colours = np.array(answer["planes"][best]), _GREY
+    if answer["nearest"] is not None:
+        gap = np.linalg.norm(reflect(view.points, plane) - reflect(view.points, np.array(answer["nearest"])), axis=1)
+        colours = 0.12 + 0.88 * np.asarray(colormaps["viridis"](np.minimum(gap / _WORST, 1.0)))[:, :3]
+    return view.draw(colours, [(plane, _RED)]), f"SDE {answer['plane_sde'][best]:.0e}"
+
+
+def _all_planes(view: SolidView, answer: Mapping[str, Any], max_error: float) -> tuple[FloatArray, str]:
+    """All planes: green those within the threshold on the intact shape, red the others."""
+    within = [error <= max_error for error in answer["plane_sde"]]
+    planes = [(np.array(plane), _GREEN if good else _RED) for plane, good in zip(answer["planes"], within, strict=True)]
+    count = f"{len(planes)} plane{'s' if len(planes) != 1 else ''}"
+    return view.draw(_GREY if planes else _PALE, planes), f"{count}, {sum(within)} within t"
+
+
+def _axes(view: SolidView, answer: Mapping[str, Any], max_error: float) -> tuple[FloatArray, str]:
+    """All axes: orange the continuous ones, green those of an order; the orders below, in brackets how many."""
+    axes = [
+        (np.array(axis["direction"]), np.array(axis["point"]), _GREEN if axis["order"] else _ORANGE)
+        for axis in answer["axes"]
+    ]
+    orders = Counter(axis["order"] or 0 for axis in answer["axes"])
+    names = [
+        f"{order or '∞'}{f' ({count})' if count > 1 else ''}"
+        for order, count in sorted(orders.items(), key=lambda pair: -(pair[0] or np.inf))
+    ]
+    return view.draw(_GREY if axes else _PALE, axes=axes), f"order {', '.join(names)}" if names else "no axis"
+
+
+GALLERIES: dict[str, Callable[[SolidView, Mapping[str, Any], float], tuple[FloatArray, str]]] = {
+    "best": _best_plane,
+    "planes": _all_planes,
+    "axes": _axes,
+}
+"""What a gallery shows of every answer."""

@@ -18,7 +18,8 @@ from training.recipe import Recipe
 from training.reproduction import networks
 from training.reproduction.experiment import Experiment, known_experiments
 from training.reproduction.networks import judged_on, recipe_of
-from training.reproduction.run import COLUMNS, reproduce
+from training.reproduction.pictures import GALLERIES
+from training.reproduction.run import COLUMNS, PICTURES, reproduce
 from training.shapes.catalogue import write_shapes
 from training.shapes.clouds import PERTURBATIONS
 from training.trainer.fit import fit
@@ -39,6 +40,7 @@ damages = ["rotated", "partial"]
 symmetric = true
 limit = 4
 gallery = 2
+pictures = ["best", "planes", "axes"]
 """
 )
 TRAIN = (
@@ -76,6 +78,7 @@ def test_shipped_experiments_name_what_there_is(name: str):
     assert set(experiment.damages) <= set(PERTURBATIONS if experiment.protocol == "shrec" else DAMAGES)
     expand(experiment.methods)
     assert experiment.methods or experiment.variants
+    assert set(experiment.pictures) <= set(GALLERIES) == set(PICTURES)
     for variant in experiment.variants:
         Recipe.load(experiment.recipe).with_settings(variant.settings)
         expand([method.replace("WEIGHTS", "x.safetensors") for method in variant.methods])
@@ -100,7 +103,13 @@ def test_results_come_out_and_a_second_call_judges_nothing_anew(
     assert by["rotated", "pca+refined"] < 1e-12
     assert float(rows[0]["apart"]) == pytest.approx(90.0)  # of eigenvectors
     assert by["rotated", "pca+refined"] < by["partial", "pca"]
-    for picture in ("chart.png", "gallery-rotated.png", "gallery-partial.png"):
+    for picture in (
+        "chart.png",
+        "gallery-rotated.png",
+        "gallery-partial.png",
+        "planes-rotated.png",
+        "axes-rotated.png",
+    ):
         assert (out / picture).read_bytes().startswith(b"\x89PNG")
     monkeypatch.setattr(evaluation, "_judge_file", None)  # would fail if it were called
     assert reproduce(str(recipe), [folder], out, progress=False) == text
@@ -180,7 +189,7 @@ def test_options_of_training_are_refused_where_nothing_is_trained(folder: Path, 
 
 def test_other_methods_are_added_to_what_is_there(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe, out = tmp_path / "compare.toml", tmp_path / "out"
-    recipe.write_text(COMPARE)
+    recipe.write_text(COMPARE.replace("gallery = 2", ""))
     whole = reproduce(str(recipe), [folder], out, progress=False)
     added = reproduce(str(recipe), [folder], out, methods=["pca", "bounding_box"], progress=False)
     assert "| oriented bounding box | 4 |" in added
