@@ -48,7 +48,7 @@ class Experiment:
         max_error: threshold on the SDE.
         gallery: of so many shapes pictures of what every method returned.
         pictures: which, of `training.reproduction.pictures.GALLERIES`: ``best`` plane with its error as colours, all
-            ``planes``, ``axes``; the last two of networks and detectors alone, if there are any.
+            ``planes``, ``axes``, or what is ``completed`` by the first plane, with its error as colours.
         recipe: the training recipe of the variants.
         start: weights that they begin with; empty: random ones.
         steps: of their training.

@@ -27,7 +27,7 @@ COLUMNS: dict[str, dict[str, Column]] = {
 }
 """What a table of a protocol can show."""
 
-PICTURES = {"best": "gallery", "planes": "planes", "axes": "axes"}
+PICTURES = {"best": "gallery", "planes": "planes", "axes": "axes", "completed": "completed"}
 """Names of the files that `Experiment.pictures` are written to."""
 
 
@@ -148,10 +148,10 @@ def reproduce(
         charts[damage] = figures
         sections.append(f"{_section(experiment, damage, report, figures)}\n\n{_judged_at(records)}")
         rows += [{"damage": damage, "method": key, **_plain(of)} for key, of in figures.items()]
-        for kind in experiment.pictures if experiment.gallery else ():
+        if experiment.gallery:
             drawn = [record for record in records if "skipped" not in record][: experiment.gallery]
-            of = figures if kind == "best" else {key: figures[key] for key in figures if _is_detector(key)} or figures
-            draw_gallery(folders, drawn, of, out / f"{PICTURES[kind]}-{damage}.png", kind, experiment.max_error)
+            pictures = {kind: out / f"{PICTURES[kind]}-{damage}.png" for kind in experiment.pictures}
+            draw_gallery(folders, drawn, figures, pictures, damage=damage, seed=seed, max_error=experiment.max_error)
     return _written(experiment, out, charts, rows, sections, ", ".join(folder.name for folder in folders))
 
 
@@ -201,11 +201,6 @@ def _written(
 def _columns(experiment: Experiment) -> list[Column]:
     known = COLUMNS[experiment.protocol]
     return [known[key] for key in experiment.columns] or list(known.values())
-
-
-def _is_detector(method: str) -> bool:
-    """Whether it is a network, or a mode of the detector: what is validated, and has axes."""
-    return method.partition(":")[0] in ("raw", "paper", "full")
 
 
 def _section(

@@ -37,16 +37,22 @@ def camera() -> FloatArray:
     return np.array([right, np.cross(towards, right), towards])
 
 
+def sampled(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Points ``(n, 3)`` of the surface ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``, and unit normals, to be drawn."""
+    points, of_face = sample_surface(vertices, faces, _POINTS, seed=0)
+    a, b, c = (vertices[faces[of_face, corner]] for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return points, normals / np.where(length > 0.0, length, 1.0)
+
+
 class SolidView:
     """A surface in the unit frame, seen from the camera; planes and axes are laid over it."""
 
-    def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
-        """Draw samples of the surface ``vertices`` ``(v, 3)``, ``faces`` ``(f, 3)``."""
-        self.points, of_face = sample_surface(vertices, faces, _POINTS, seed=0)
-        a, b, c = (vertices[faces[of_face, corner]] for corner in range(3))
-        normals = np.cross(b - a, c - a)
-        length = np.linalg.norm(normals, axis=1)
-        facing = np.abs(normals @ camera()[2]) / np.where(length > 0.0, length, 1.0)
+    def __init__(self, points: FloatArray, normals: FloatArray) -> None:
+        """Draw a surface of ``points`` ``(n, 3)`` with unit ``normals`` ``(n, 3)`` of either sign, see `sampled`."""
+        self.points = points
+        facing = np.abs(normals @ camera()[2])
         self._shade = 0.45 + 0.55 * facing
         self._depth = np.full((SIZE, SIZE), -np.inf)
         self._source = np.full((SIZE, SIZE), -1)

@@ -40,7 +40,7 @@ damages = ["rotated", "partial"]
 symmetric = true
 limit = 4
 gallery = 2
-pictures = ["best", "planes", "axes"]
+pictures = ["best", "planes", "axes", "completed"]
 """
 )
 TRAIN = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from training.reproduction.solid_view import SIZE, SolidView, camera
+from training.reproduction.solid_view import SIZE, SolidView, camera, sampled
 from training.shapes.solids import box
 
 RED, GREEN, GREY = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.full(3, 0.5)
@@ -13,7 +13,7 @@ MIDDLE = SIZE // 2
 @pytest.fixture(scope="module")
 def view() -> SolidView:
     """A box that is wider than high, about the origin."""
-    return SolidView(*box((0.5, 0.5, 0.2)))
+    return SolidView(*sampled(*box((0.5, 0.5, 0.2))))
 
 
 def _is_background(picture: np.ndarray) -> np.ndarray:
