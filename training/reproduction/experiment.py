@@ -49,6 +49,7 @@ class Experiment:
         gallery: of so many shapes pictures of what every method returned.
         pictures: which, of `training.reproduction.pictures.GALLERIES`: ``best`` plane with its error as colours, all
             ``planes``, ``axes``, or what is ``completed`` by the first plane, with its error as colours.
+        sheet: draw a contact sheet of the ground truth of all shapes that are judged, `truth.png`.
         recipe: the training recipe of the variants.
         start: weights that they begin with; empty: random ones.
         steps: of their training.
@@ -71,6 +72,7 @@ class Experiment:
     max_error: float = 4e-4
     gallery: int = 0
     pictures: tuple[str, ...] = ("best",)
+    sheet: bool = False
     recipe: str = "default"
     start: str = ""
     steps: int = 600

@@ -12,6 +12,8 @@ from training.evaluation import shrec
 from training.evaluation.evaluate import Options, evaluate
 from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE, Column, summarise, table
 from training.evaluation.resuming import revisions
+from training.oracle.truth import load, named
+from training.reproduction.contact_sheet import draw_contact_sheet
 from training.reproduction.experiment import Experiment
 from training.reproduction.networks import judged_on, train_networks
 from training.reproduction.pictures import draw_chart, draw_gallery
@@ -152,6 +154,10 @@ def reproduce(
             drawn = [record for record in records if "skipped" not in record][: experiment.gallery]
             pictures = {kind: out / f"{PICTURES[kind]}-{damage}.png" for kind in experiment.pictures}
             draw_gallery(folders, drawn, figures, pictures, damage=damage, seed=seed, max_error=experiment.max_error)
+        if experiment.sheet and not (out / "truth.png").is_file():
+            shown = [record["name"] for record in records if "skipped" not in record]
+            known = {} if ground_truth is None else named(load(ground_truth), shown)
+            draw_contact_sheet(folders, shown, known, out / "truth.png")
     return _written(experiment, out, charts, rows, sections, ", ".join(folder.name for folder in folders))
 
 

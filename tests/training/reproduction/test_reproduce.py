@@ -41,6 +41,7 @@ symmetric = true
 limit = 4
 gallery = 2
 pictures = ["best", "planes", "axes", "completed"]
+sheet = true
 """
 )
 TRAIN = (
@@ -189,7 +190,7 @@ def test_options_of_training_are_refused_where_nothing_is_trained(folder: Path, 
 
 def test_other_methods_are_added_to_what_is_there(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe, out = tmp_path / "compare.toml", tmp_path / "out"
-    recipe.write_text(COMPARE.replace("gallery = 2", ""))
+    recipe.write_text(COMPARE.replace("gallery = 2", "").replace("sheet = true", ""))
     whole = reproduce(str(recipe), [folder], out, progress=False)
     added = reproduce(str(recipe), [folder], out, methods=["pca", "bounding_box"], progress=False)
     assert "| oriented bounding box | 4 |" in added
@@ -202,7 +203,9 @@ def test_a_table_says_of_which_revision_it_is_and_methods_are_renewed(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     recipe, out = tmp_path / "compare.toml", tmp_path / "out"
-    recipe.write_text(COMPARE.replace('["rotated", "partial"]', '["rotated"]').replace("gallery = 2", ""))
+    recipe.write_text(
+        COMPARE.replace('["rotated", "partial"]', '["rotated"]').replace("gallery = 2", "").replace("sheet = true", "")
+    )
     monkeypatch.setattr(registry, "git_revision", lambda: "a" * 40)
     assert "Judged at revision aaaaaaa." in reproduce(str(recipe), [folder], out, progress=False)
     monkeypatch.setattr(registry, "git_revision", lambda: "b" * 40 + "-dirty")
@@ -215,7 +218,9 @@ def test_a_table_says_of_which_revision_it_is_and_methods_are_renewed(
 
 def test_without_meshes_procedural_ones_are_made(tmp_path: Path):
     recipe = tmp_path / "compare.toml"
-    recipe.write_text(COMPARE.replace('["rotated", "partial"]', '["clean"]').replace("gallery = 2", ""))
+    recipe.write_text(
+        COMPARE.replace('["rotated", "partial"]', '["clean"]').replace("gallery = 2", "").replace("sheet = true", "")
+    )
     text = reproduce(str(recipe), [], tmp_path / "out", limit=2, progress=False)
     assert "clean: 2 shapes, 2 of them with a clear plane" in text
 
