@@ -46,4 +46,4 @@ def draw_contact_sheet(folders: Sequence[Path], names: Sequence[str], known: Map
         axes.imshow(view.draw(_GREY, [(plane, _GREEN) for plane in planes]), interpolation="bilinear")
         endless = sum(axis.order is None for axis in truth.clear_axes())
         axes.set_xlabel(f"{len(planes)} clear{', round' if endless else ''}", fontsize=7, labelpad=1)
-    picture.savefig(out, dpi=110)
+    picture.savefig(out, dpi=75)
