@@ -122,6 +122,7 @@ def reproduce(
     limit: Annotated[int | None, typer.Option(min=1, help="Judge so many shapes instead of its own number.")] = None,
     train_limit: Annotated[int | None, typer.Option(min=8, help="Train on so many shapes at most.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this long instead of its own steps.")] = None,
+    variants: Annotated[str | None, typer.Option(help="Train these networks of it alone, separated by commas.")] = None,
     methods: Annotated[str | None, typer.Option(help="Instead of its own, separated by commas.")] = None,
     damage: Annotated[str | None, typer.Option(help="Instead of its own, separated by commas.")] = None,
     renew: Annotated[
@@ -153,6 +154,7 @@ def reproduce(
             limit=limit,
             train_limit=train_limit,
             steps=steps,
+            variants=variants.split(",") if variants else (),
             methods=methods.split(",") if methods else (),
             damages=damage.split(",") if damage else (),
             renew=renew.split(",") if renew else (),

@@ -14,7 +14,7 @@ from training.evaluation.report import ALL_SYMMETRIES, BEST_PLANE, Column, summa
 from training.evaluation.resuming import revisions
 from training.oracle.truth import load, named
 from training.reproduction.contact_sheet import draw_contact_sheet
-from training.reproduction.experiment import Experiment
+from training.reproduction.experiment import Experiment, Variant
 from training.reproduction.networks import judged_on, train_networks
 from training.reproduction.pictures import draw_chart, draw_gallery
 from training.shapes.catalogue import write_shapes
@@ -46,6 +46,7 @@ def reproduce(
     limit: int | None = None,
     train_limit: int | None = None,
     steps: int | None = None,
+    variants: Sequence[str] = (),
     methods: Sequence[str] = (),
     damages: Sequence[str] = (),
     renew: Sequence[str] = (),
@@ -68,6 +69,7 @@ def reproduce(
         limit: judge so many shapes instead of the experiment's number.
         train_limit: train on so many shapes at most.
         steps: of every training instead of the experiment's.
+        variants: names of the networks to train; without any all of the experiment.
         methods: instead of the experiment's.
         damages: instead of the experiment's.
         renew: judge these methods anew where what is in ``out`` is of another revision of the code.
@@ -87,6 +89,8 @@ def reproduce(
         experiment = replace(experiment, methods=tuple(methods))
     if damages:
         experiment = replace(experiment, damages=tuple(damages))
+    if variants:
+        experiment = replace(experiment, variants=_chosen(experiment, variants))
     experiment = replace(experiment, limit=limit or experiment.limit)
     out.mkdir(parents=True, exist_ok=True)
     if experiment.protocol == "shrec":
@@ -159,6 +163,14 @@ def reproduce(
             known = {} if ground_truth is None else named(load(ground_truth), shown)
             draw_contact_sheet(folders, shown, known, out / "truth.png")
     return _written(experiment, out, charts, rows, sections, ", ".join(folder.name for folder in folders))
+
+
+def _chosen(experiment: Experiment, names: Sequence[str]) -> tuple[Variant, ...]:
+    known = {variant.name: variant for variant in experiment.variants}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ValueError(f"it trains no {', '.join(unknown)}; its networks are {', '.join(known) or 'none'}")
+    return tuple(known[name] for name in names)
 
 
 def _reproduce_clouds(

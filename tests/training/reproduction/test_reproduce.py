@@ -15,7 +15,7 @@ from training.evaluation import registry, shrec
 from training.evaluation.corruptions import DAMAGES
 from training.evaluation.registry import expand
 from training.recipe import Recipe
-from training.reproduction import networks
+from training.reproduction import networks, run
 from training.reproduction.experiment import Experiment, known_experiments
 from training.reproduction.networks import judged_on, recipe_of
 from training.reproduction.pictures import GALLERIES
@@ -186,6 +186,21 @@ def test_options_of_training_are_refused_where_nothing_is_trained(folder: Path, 
     recipe.write_text(COMPARE)
     with pytest.raises(ValueError, match="trains nothing"):
         reproduce(str(recipe), [folder], tmp_path / "out", steps=3, progress=False)
+
+
+def test_some_networks_of_an_experiment_are_trained_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    asked: list[list[str]] = []
+
+    def trained(experiment: Experiment, *arguments: Any, **options: Any) -> dict[str, Any]:
+        asked.append([variant.name for variant in experiment.variants])
+        raise ValueError("that is all")
+
+    monkeypatch.setattr(run, "train_networks", trained)
+    with pytest.raises(ValueError, match="that is all"):
+        reproduce("table4", [tmp_path], tmp_path / "out", variants=["32-voxels", "16-voxels"], progress=False)
+    assert asked == [["32-voxels", "16-voxels"]]
+    with pytest.raises(ValueError, match="trains no 8-voxels; its networks are 16-voxels"):
+        reproduce("table4", [tmp_path], tmp_path / "out", variants=["8-voxels"], progress=False)
 
 
 def test_other_methods_are_added_to_what_is_there(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
