@@ -9,7 +9,7 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.search.comparison import explains_better, mean_where, might_explain_better
 from model.search.deviation import DeviationMeter, Deviations, SurfaceSamples
-from model.search.harmonics import harmonics
+from model.search.harmonics import HARMONICS_STRIDE, harmonics
 from model.search.point_groups import ARBITRARY_ANGLES
 from model.search.settings import DEFAULT, SearchSettings
 from model.types import FloatArray, IntArray
@@ -30,7 +30,6 @@ _CONTRAST = 0.1
 """A rotation is a symmetry if its squared deviation is so much smaller than that of arbitrary angles. Larger ones must
 be smaller significantly (`explains_better`)."""
 
-_HARMONICS_STRIDE = 3
 _AS_GOOD = 0.35
 """All rotations of one axis are as good: of the way from the best of them to arbitrary ones no other is farther."""
 
@@ -128,7 +127,7 @@ def rotation_order(
     powers = {prime: _next_power(prime, known) for prime in primes.tolist()}
     if many is not None and not arbitrary.is_round and arbitrary.rms <= limit:
         # On few samples noise makes all orders look alike.
-        shown = harmonics(meter, many().every(_HARMONICS_STRIDE), direction, point, settings)
+        shown = harmonics(meter, many().every(HARMONICS_STRIDE), direction, point, settings).orders
         factors, needed = [n for prime, n in powers.items() if any(order % prime == 0 for order in shown)], np.inf
     else:
         factors, needed = screen.promising(powers.values())

@@ -6,9 +6,10 @@ import numpy as np
 
 from model.geometry.operations import Operations
 from model.search.context import SearchContext
+from model.search.harmonics import HARMONICS_STRIDE, harmonics
 from model.search.hypothesis import Hypothesis
 from model.search.lines import PARALLEL, common_point
-from model.search.point_groups import axial_name, frame_of, point_group
+from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, point_group
 from model.types import FloatArray
 
 _AZIMUTHS, _BEST_AZIMUTHS = 32, 3
@@ -77,11 +78,12 @@ def azimuths(context: SearchContext, group: Hypothesis) -> Iterator[Hypothesis]:
     planes = Operations.reflections(np.column_stack([sides, -sides @ group.centre]))
     turns = Operations.rotations(sides, group.centre, np.pi)
     across = group.name.endswith("h")
+    shown = [] if precise else _azimuths_shown(context, group)
     for kind, symbol in ((planes, "v"), (turns, "")):
         squared = context.meter.measure(kind, samples).squared
         errors = np.minimum(squared, context.settings.truncation**2).mean(1)
-        for index in np.argsort(errors, kind="stable")[:_BEST_AZIMUTHS].tolist():
-            side = sides[index]
+        best = list(sides[np.argsort(errors, kind="stable")[:_BEST_AZIMUTHS]])
+        for side in shown + best if symbol == "v" else best:
             if symbol == "v" and not across:
                 name = f"C{order}v"
                 if group.name[0] == "S":
@@ -93,3 +95,16 @@ def azimuths(context: SearchContext, group: Hypothesis) -> Iterator[Hypothesis]:
             else:
                 name = f"D{order}d" if group.name[0] == "S" else f"D{order}"
             yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre)
+
+
+def _azimuths_shown(context: SearchContext, group: Hypothesis) -> list[FloatArray]:
+    """Normals ``(3,)`` of planes through the axis of a nearly round surface, from the phase of its harmonics.
+
+    In noise a plane anywhere else is hardly worse.
+    """
+    order = group.group.principal_order
+    arbitrary = Operations.rotations(group.axis, group.centre, ARBITRARY_ANGLES)
+    if context.meter.measure(arbitrary, context.judging).rms.max() > context.limit:
+        return []
+    shown = harmonics(context.meter, context.many.every(HARMONICS_STRIDE), group.axis, group.centre, context.settings)
+    return [np.cross(group.axis, along) for along in shown.mirrored_at(order)]
