@@ -1,10 +1,12 @@
 """How a group about an axis may be extended: by a higher order of it, by planes and half turns that go with it."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from model.geometry.operations import Operations
+from model.geometry.transforms import rotation_matrix
 from model.search.context import SearchContext
 from model.search.harmonics import HARMONICS_STRIDE, harmonics
 from model.search.hypothesis import Hypothesis
@@ -108,3 +110,23 @@ def _azimuths_shown(context: SearchContext, group: Hypothesis) -> list[FloatArra
         return []
     shown = harmonics(context.meter, context.many.every(HARMONICS_STRIDE), group.axis, group.centre, context.settings)
     return [np.cross(group.axis, along) for along in shown.mirrored_at(order)]
+
+
+def turned_as_shown(context: SearchContext, hypothesis: Hypothesis) -> Hypothesis:
+    """A group turned about its axis until its planes stand where the harmonics of a nearly round surface show them.
+
+    In noise it may have been built on any plane through the axis, and no fit gets it away from there. It stays as it is
+    where that explains more samples better.
+    """
+    through = hypothesis.planes[np.abs(hypothesis.planes[:, :3] @ hypothesis.axis) < _PERPENDICULAR]
+    shown = _azimuths_shown(context, hypothesis) if len(through) else []
+    if not shown:
+        return hypothesis
+    normals = np.array([through[0, :3], *shown])
+    planes = Operations.reflections(np.column_stack([normals, -normals @ hypothesis.centre]))
+    deviations = context.meter.measure(planes, context.many)
+    squared = np.minimum(deviations.squared, context.settings.truncation**2)
+    telling = context.meter.telling(deviations)
+    best = normals[np.argmin(np.where(telling, squared, 0.0).sum(1) / np.maximum(telling.sum(1), 1))]
+    angle = np.arctan2(np.cross(normals[0], best) @ hypothesis.axis, normals[0] @ best)
+    return replace(hypothesis, frame=hypothesis.frame @ rotation_matrix(hypothesis.axis, float(angle)).T)
