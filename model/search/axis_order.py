@@ -127,7 +127,7 @@ def rotation_order(
     powers = {prime: _next_power(prime, known) for prime in primes.tolist()}
     if many is not None and not arbitrary.is_round and arbitrary.rms <= limit:
         # On few samples noise makes all orders look alike.
-        shown = harmonics(meter, many().every(HARMONICS_STRIDE), direction, point, settings).orders
+        shown = harmonics(meter, many().every(HARMONICS_STRIDE), direction, point, settings)
         factors, needed = [n for prime, n in powers.items() if any(order % prime == 0 for order in shown)], np.inf
     else:
         factors, needed = screen.promising(powers.values())

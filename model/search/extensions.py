@@ -8,14 +8,16 @@ import numpy as np
 from model.geometry.operations import Operations
 from model.geometry.transforms import rotation_matrix
 from model.search.context import SearchContext
-from model.search.harmonics import HARMONICS_STRIDE, harmonics
+from model.search.deviation import SurfaceSamples
 from model.search.hypothesis import Hypothesis
 from model.search.lines import PARALLEL, common_point
 from model.search.point_groups import ARBITRARY_ANGLES, axial_name, frame_of, point_group
 from model.types import FloatArray
 
-_AZIMUTHS, _BEST_AZIMUTHS = 32, 3
-_AZIMUTH_STRIDE, _AZIMUTH_STRIDE_IN_NOISE = 5, 2
+_AZIMUTHS, _BEST_AZIMUTHS, _AZIMUTH_STRIDE = 32, 3, 5
+_CLOSER, _MANY_STRIDE = 12, 3
+"""So many azimuths are compared on every so many-th of many samples where there is noise."""
+
 _PERPENDICULAR = float(np.sin(np.deg2rad(4.0)))
 
 
@@ -65,27 +67,14 @@ def with_axis(group: Hypothesis, direction: FloatArray, point: FloatArray, order
 def azimuths(context: SearchContext, group: Hypothesis) -> Iterator[Hypothesis]:
     """A group with planes through its principal axis, or half turns across it: where these are is not known.
 
-    Both repeat with the period pi / n about an axis of order n: of many azimuths within one the best are tried.
-
     Args:
         context: the shape.
         group: with an axis, but neither of them.
     """
-    precise = group.rms <= context.settings.modelling_precision
-    samples = context.samples.every(_AZIMUTH_STRIDE if precise else _AZIMUTH_STRIDE_IN_NOISE)
-    order = group.group.principal_order
-    first, second = group.frame[0], group.frame[1]
-    angles = np.pi / order * np.arange(_AZIMUTHS) / _AZIMUTHS
-    sides = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
-    planes = Operations.reflections(np.column_stack([sides, -sides @ group.centre]))
-    turns = Operations.rotations(sides, group.centre, np.pi)
-    across = group.name.endswith("h")
-    shown = [] if precise else _azimuths_shown(context, group)
-    for kind, symbol in ((planes, "v"), (turns, "")):
-        squared = context.meter.measure(kind, samples).squared
-        errors = np.minimum(squared, context.settings.truncation**2).mean(1)
-        best = list(sides[np.argsort(errors, kind="stable")[:_BEST_AZIMUTHS]])
-        for side in shown + best if symbol == "v" else best:
+    order, across = group.group.principal_order, group.name.endswith("h")
+    noisy = group.rms > context.settings.modelling_precision
+    for symbol in ("v", ""):
+        for side in _best_sides(context, group, mirrored=symbol == "v", noisy=noisy):
             if symbol == "v" and not across:
                 name = f"C{order}v"
                 if group.name[0] == "S":
@@ -99,34 +88,51 @@ def azimuths(context: SearchContext, group: Hypothesis) -> Iterator[Hypothesis]:
             yield Hypothesis(point_group(name), frame_of(group.axis, side), group.centre)
 
 
-def _azimuths_shown(context: SearchContext, group: Hypothesis) -> list[FloatArray]:
-    """Normals ``(3,)`` of planes through the axis of a nearly round surface, from the phase of its harmonics.
+def turned_to_best(context: SearchContext, hypothesis: Hypothesis) -> Hypothesis:
+    """A group turned about its axis to where planes through it explain the surface best.
 
-    In noise a plane anywhere else is hardly worse.
-    """
-    order = group.group.principal_order
-    arbitrary = Operations.rotations(group.axis, group.centre, ARBITRARY_ANGLES)
-    if context.meter.measure(arbitrary, context.judging).rms.max() > context.limit:
-        return []
-    shown = harmonics(context.meter, context.many.every(HARMONICS_STRIDE), group.axis, group.centre, context.settings)
-    return [np.cross(group.axis, along) for along in shown.mirrored_at(order)]
+    In noise it may have been built on any plane through the axis, and no fit gets it away from there.
 
-
-def turned_as_shown(context: SearchContext, hypothesis: Hypothesis) -> Hypothesis:
-    """A group turned about its axis until its planes stand where the harmonics of a nearly round surface show them.
-
-    In noise it may have been built on any plane through the axis, and no fit gets it away from there. It stays as it is
-    where that explains more samples better.
+    Args:
+        context: the shape, nearly round about the axis; else the group stays as it is.
+        hypothesis: with planes through its axis; else it stays as it is.
     """
     through = hypothesis.planes[np.abs(hypothesis.planes[:, :3] @ hypothesis.axis) < _PERPENDICULAR]
-    shown = _azimuths_shown(context, hypothesis) if len(through) else []
-    if not shown:
+    arbitrary = Operations.rotations(hypothesis.axis, hypothesis.centre, ARBITRARY_ANGLES)
+    if not len(through) or context.meter.measure(arbitrary, context.judging).rms.max() > context.limit:
         return hypothesis
-    normals = np.array([through[0, :3], *shown])
-    planes = Operations.reflections(np.column_stack([normals, -normals @ hypothesis.centre]))
-    deviations = context.meter.measure(planes, context.many)
-    squared = np.minimum(deviations.squared, context.settings.truncation**2)
-    telling = context.meter.telling(deviations)
-    best = normals[np.argmin(np.where(telling, squared, 0.0).sum(1) / np.maximum(telling.sum(1), 1))]
-    angle = np.arctan2(np.cross(normals[0], best) @ hypothesis.axis, normals[0] @ best)
+    own = through[0, :3]
+    facing = replace(hypothesis, frame=frame_of(hypothesis.axis, own))
+    best = _best_sides(context, facing, mirrored=True, noisy=True)[0]
+    angle = np.arctan2(np.cross(own, best) @ hypothesis.axis, own @ best)
     return replace(hypothesis, frame=hypothesis.frame @ rotation_matrix(hypothesis.axis, float(angle)).T)
+
+
+def _best_sides(context: SearchContext, group: Hypothesis, *, mirrored: bool, noisy: bool) -> FloatArray:
+    """Directions across the axis ``(k, 3)``, the best first: normals of planes if ``mirrored``, else of half turns.
+
+    Both repeat with the period pi / n about an axis of order n. The first that is looked at is the group's first axis.
+    """
+    first, second = group.frame[0], group.frame[1]
+    angles = np.pi / group.group.principal_order * np.arange(_AZIMUTHS) / _AZIMUTHS
+    sides = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+    order = np.argsort(_errors(context, group, sides, context.samples.every(_AZIMUTH_STRIDE), mirrored), kind="stable")
+    if noisy:  # on few samples it would choose
+        order = np.unique(np.concatenate([[0], order[:_CLOSER]]))
+        errors = _errors(context, group, sides[order], context.many.every(_MANY_STRIDE), mirrored)
+        order = order[np.argsort(errors, kind="stable")]
+    return sides[order[:_BEST_AZIMUTHS]]
+
+
+def _errors(
+    context: SearchContext, group: Hypothesis, sides: FloatArray, samples: SurfaceSamples, mirrored: bool
+) -> FloatArray:
+    """The truncated SDE of each: ``(k,)``."""
+    if mirrored:
+        kind = Operations.reflections(np.column_stack([sides, -sides @ group.centre]))
+    else:
+        kind = Operations.rotations(sides, group.centre, np.pi)
+    deviations = context.meter.measure(kind, samples)
+    telling = context.meter.telling(deviations)
+    squared = np.where(telling, np.minimum(deviations.squared, context.settings.truncation**2), 0.0)
+    return squared.sum(1) / np.maximum(telling.sum(1), 1)

@@ -13,7 +13,7 @@ from model.geometry.operations import Operations
 from model.geometry.refinement import START_SCALE, refine
 from model.search.axis_order import PRIMES, is_symmetric, prime_rotations, rotation_order
 from model.search.context import SearchContext
-from model.search.extensions import azimuths, turned_as_shown, with_axis
+from model.search.extensions import azimuths, turned_to_best, with_axis
 from model.search.hypothesis import Hypothesis, trivial
 from model.search.lines import PARALLEL, common_point, distances_from, distinct_lines
 from model.search.point_groups import ARBITRARY_ANGLES, point_group
@@ -165,7 +165,7 @@ class Ladder:
         """
         order = hypothesis.group.principal_order
         if tolerance > self._context.settings.modelling_precision and order > max(2, self._group.group.principal_order):
-            hypothesis = turned_as_shown(self._context, hypothesis)
+            hypothesis = turned_to_best(self._context, hypothesis)
         fitted, needed = self._fitted(hypothesis, tolerance)
         if needed <= tolerance and sceptically and not self._turns(fitted):
             needed = np.inf

@@ -56,17 +56,14 @@ def test_noise_is_told_from_a_difference_of_shape() -> None:
 def test_a_polygon_shows_in_its_harmonics_under_noise(corners: int) -> None:
     meter, samples = measured(*prism(corners, 2))
     found = harmonics(meter, samples, np.array([0.0, 0.0, 1.0]), np.zeros(3))
-    assert found.orders[0] == corners
-    assert all(order % corners == 0 for order in found.orders)
-    [along, *_] = found.mirrored_at(corners)
-    steps = np.arctan2(along[1], along[0]) / (np.pi / corners)  # the first corner is on the x axis
-    assert abs(steps - round(steps)) < 0.1
+    assert found[0] == corners
+    assert all(order % corners == 0 for order in found)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_cylinder_has_no_harmonics_under_noise(seed: int) -> None:
     meter, samples = measured(*prism(96, seed), count=600)
-    assert harmonics(meter, samples, np.array([0.0, 0.0, 1.0]), np.zeros(3)).orders == []
+    assert harmonics(meter, samples, np.array([0.0, 0.0, 1.0]), np.zeros(3)) == []
 
 
 @pytest.mark.parametrize("corners", [8, 10, 12, 15, 16])
