@@ -95,6 +95,7 @@ class Detector:
         welded(corners[faces.ravel()], np.arange(faces.size, dtype=np.int32).reshape(-1, 3))
         frame = unit_frame(corners, faces[2:])
         context, network, _ = self.search(frame.to_unit(corners), faces[2:])
+        context.meter.facets.sagittas_of(np.zeros(1, dtype=np.int32))
         if network is not None:
             likeliest(guesses(context, network))
         for mode in ("full", "paper"):

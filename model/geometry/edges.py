@@ -28,7 +28,8 @@ class EdgeTable:
         self._starts = np.zeros(len(merged) + 1, dtype=np.int64)
         self._ends, self._numbers = (np.empty(3 * len(faces), dtype=np.int32) for _ in range(2))
         single, crowded = _group(self._merged, self._faces, self._starts, self._ends, self._numbers)
-        self._has_open = single > 0
+        self.has_open = single > 0
+        """Whether any edge belongs to one face alone."""
         self.all_paired = not single and not crowded
         """Whether every edge belongs to two faces: the surface is closed."""
 
@@ -36,7 +37,7 @@ class EdgeTable:
     def open(self) -> BoolArray:
         """Which edges belong to one face alone: ``(f, 3)``."""
         result = np.zeros((len(self._faces), 3), dtype=np.bool_)
-        if self._has_open:
+        if self.has_open:
             _find_open(self._starts, self._ends, self._numbers, result)
         return result
 
@@ -47,10 +48,26 @@ class EdgeTable:
         _find_neighbours(self._starts, self._ends, self._numbers, result)
         return result
 
+    def neighbours_of(self, some: IntArray) -> IntArray:
+        """Those of some of the faces ``(m,)``: ``(m, 3)``."""
+        result = np.full((len(some), 3), -1, dtype=np.int32)
+        some = kernel_array(some, np.int32)
+        _look_up_neighbours(some, self._merged, self._faces, self._starts, self._ends, self._numbers, result)
+        return result
+
     def are_edges(self, pairs: IntArray) -> BoolArray:
         """Which pairs of vertices ``(m, 2)``, merged ones, -1 for none, are the ends of an edge: ``(m,)``."""
         result = np.empty(len(pairs), dtype=np.bool_)
         _find_edges(kernel_array(pairs, np.int32), self._starts, self._ends, result)
+        return result
+
+    def faces_at(self, triples: IntArray) -> IntArray:
+        """The faces at the edges between each two of three vertices ``(m, 3)``, merged ones, -1 for none: ``(m, 6)``.
+
+        Two an edge at most, -1 where there are none.
+        """
+        result = np.full((len(triples), 6), -1, dtype=np.int32)
+        _find_faces_at(kernel_array(triples, np.int32), self._starts, self._ends, self._numbers, result)
         return result
 
     def are_faces(self, triples: IntArray) -> BoolArray:
@@ -201,11 +218,49 @@ def _first(starts: AnyArray, ends: IntArray, low: int, high: int) -> int:
 
 
 @jit
+def _look_up_neighbours(
+    some: IntArray,
+    merged: IntArray,
+    faces: IntArray,
+    starts: AnyArray,
+    ends: IntArray,
+    numbers: IntArray,
+    result: IntArray,
+) -> None:
+    for index in range(len(some)):
+        face = some[index]
+        corners = merged[faces[face, 0]], merged[faces[face, 1]], merged[faces[face, 2]]
+        if corners[0] == corners[1] or corners[1] == corners[2] or corners[2] == corners[0]:
+            continue
+        for edge in range(3):
+            one, other = corners[edge], corners[(edge + 1) % 3]
+            low, high = int(min(one, other)), int(max(one, other))
+            place = _first(starts, ends, low, high)
+            if _run(ends, place, int(starts[low + 1])) - place == 2:
+                beside = numbers[place] // 3
+                result[index, edge] = beside if beside != face else numbers[place + 1] // 3
+
+
+@jit
 def _find_edges(pairs: IntArray, starts: AnyArray, ends: IntArray, result: BoolArray) -> None:
     for index in range(pairs.shape[0]):
         low, high = min(pairs[index, 0], pairs[index, 1]), max(pairs[index, 0], pairs[index, 1])
         place = _first(starts, ends, low, high) if low >= 0 else 0
         result[index] = low >= 0 and place < starts[low + 1] and ends[place] == high
+
+
+@jit
+def _find_faces_at(triples: IntArray, starts: AnyArray, ends: IntArray, numbers: IntArray, result: IntArray) -> None:
+    for index in range(triples.shape[0]):
+        for side in range(3):
+            one, other = triples[index, side], triples[index, (side + 1) % 3]
+            low, high = min(one, other), max(one, other)
+            if low < 0:
+                continue
+            place = _first(starts, ends, low, high)
+            for step in range(2):
+                if place + step < starts[low + 1] and ends[place + step] == high:
+                    result[index, 2 * side + step] = numbers[place + step] // 3
 
 
 @jit

@@ -50,12 +50,12 @@ class OpenBoundary:
         self, surface: SurfaceIndex, vertices: FloatArray, faces: IntArray, first: IntArray, edges: EdgeTable
     ) -> None:
         self._surface = surface
-        self._edges = edges.open
-        self._rims = _rims(self._edges, faces, first)
-        self.is_empty = not len(self._rims)
+        self.is_empty = not edges.has_open
         self.one_sidedness = 0.0
         if self.is_empty:
             return
+        self._edges = edges.open
+        self._rims = _rims(self._edges, faces, first)
         self.one_sidedness = mean_normal(vertices, faces)
         self._normals = face_normals(surface.tree.vertices, faces)
         is_end = np.zeros(len(first), dtype=np.bool_)

@@ -56,21 +56,14 @@ def _tangent_of_quarter(cosine: float) -> float:
 
 
 @jit
-def spread(
-    faces: IntArray,
-    first: IntArray,
-    normals: FloatArray,
-    neighbours: IntArray,
-    flat: float,
-    own: FloatArray,
-    of_face: FloatArray,
-    at_vertex: FloatArray,
+def raise_to_flat_neighbours(
+    normals: FloatArray, neighbours: IntArray, flat: float, own: FloatArray, of_face: FloatArray
 ) -> None:
-    """Fill ``of_face`` ``(f,)`` with the largest of a face and those that lie flat beside it; raise ``at_vertex``.
+    """Fill ``of_face`` ``(f,)`` with the largest of a face and those that lie flat beside it.
 
     A strip between two rulings is as wide as the triangles that share its diagonal.
     """
-    for face in range(faces.shape[0]):
+    for face in range(neighbours.shape[0]):
         largest = own[face]
         for edge in range(3):
             other = neighbours[face, edge]
@@ -81,9 +74,15 @@ def spread(
                 if cosine >= flat:
                     largest = own[other]
         of_face[face] = largest
+
+
+@jit
+def raise_corners(faces: IntArray, first: IntArray, of_face: FloatArray, at_vertex: FloatArray) -> None:
+    """Raise ``at_vertex`` ``(v,)`` to the largest of the faces that meet there."""
+    for face in range(faces.shape[0]):
         for corner in range(3):
             vertex = first[faces[face, corner]]
-            at_vertex[vertex] = max(at_vertex[vertex], largest)
+            at_vertex[vertex] = max(at_vertex[vertex], of_face[face])
 
 
 @jit

@@ -17,6 +17,7 @@ _AT_END = 1e-6
 
 @jit_allocating
 def feature_deviations(
+    begin: int,
     points: FloatArray,
     sagittas: FloatArray,
     fixed: FloatArray,
@@ -31,16 +32,20 @@ def feature_deviations(
     deviations: FloatArray,
     allowed: FloatArray,
     coinciding: IntArray,
-) -> None:
+) -> int:
     """Fill ``deviations`` and ``allowed`` ``(m,)`` for the images ``R (p - f) + f`` of points ``(m, 3)``.
 
     What deviates by no more than ``base`` is allowed just that. ``coinciding`` ``(m,)``: the vertex that an image
     coincides with to ``base``, the ``first`` at its place, or -1.
+
+    Returns:
+        where it ended: before the first point that facets may allow more, if ``at_vertex`` is empty, else ``m``. From
+        there it may go on (``begin``).
     """
     paper = scratch()
     image, place = np.empty(3), np.empty(3)
     seed = 0
-    for i in range(len(points)):
+    for i in range(begin, len(points)):
         image_of(points[i], fixed, linear, image)
         squared, lane = nearest(
             image[0],
@@ -55,6 +60,8 @@ def feature_deviations(
         owner = tree.owners[lane]
         deviations[i], allowed[i] = np.sqrt(squared), base
         if deviations[i] > base:  # else it may, whatever facets leave open
+            if not len(at_vertex):
+                return i
             place[0], place[1], place[2] = closest_on(image[0], image[1], image[2], lane, tree)
             rim = _rim(place, tree.vertices, tree.faces[owner], at_vertex, on_edge)
             allowed[i] = base + slack * max(sagittas[i], of_face[owner], rim)
@@ -65,6 +72,7 @@ def feature_deviations(
                 gap += (image[a] - tree.vertices[tree.faces[owner, k], a]) ** 2
             if gap <= base * base:
                 coinciding[i] = first[tree.faces[owner, k]]
+    return len(points)
 
 
 @jit

@@ -18,28 +18,50 @@ def middles_of_faces(vertices: FloatArray, faces: IntArray, chosen: IntArray, mi
             middles[i, axis] = (vertices[a, axis] + vertices[b, axis] + vertices[c, axis]) / 3.0
 
 
-@jit_allocating
-def corners_of_faces(first: IntArray, faces: IntArray, chosen: IntArray, corners: IntArray) -> int:
-    """Fill ``corners`` with the merged vertices of the ``chosen`` faces, each once, in the order met: how many."""
-    seen = np.zeros(len(first), dtype=np.bool_)
+@jit
+def corners_of_faces(
+    first: IntArray, faces: IntArray, chosen: IntArray, numbers: IntArray, corners: IntArray, rows: IntArray
+) -> int:
+    """Fill ``corners`` with the merged vertices of the ``chosen`` faces, each once, in the order met: how many.
+
+    ``rows`` ``(m, 3)``: where those of each chosen face are in it. ``numbers`` ``(v,)``, all -1, is scratch.
+    """
     count = 0
     for i in range(len(chosen)):
         for k in range(3):
             corner = first[faces[chosen[i], k]]
-            if not seen[corner]:
-                seen[corner] = True
+            if numbers[corner] < 0:
+                numbers[corner] = count
                 corners[count] = corner
+                count += 1
+            rows[i, k] = numbers[corner]
+    return count
+
+
+@jit
+def each_once(rows: IntArray, seen: BoolArray, result: IntArray) -> int:
+    """Fill ``result`` with the numbers in ``rows`` ``(m, 3)``, each once, in the order met: how many.
+
+    ``seen``, all false, is scratch for as many numbers as there are.
+    """
+    count = 0
+    for i in range(rows.shape[0]):
+        for k in range(3):
+            row = rows[i, k]
+            if not seen[row]:
+                seen[row] = True
+                result[count] = row
                 count += 1
     return count
 
 
 @jit
-def ends_of_edges(first: IntArray, faces: IntArray, chosen: IntArray, ends: IntArray) -> None:
-    """Fill ``ends`` ``(3 m, 2)`` with the merged vertices at the ends of the edges of the ``chosen`` faces ``(m,)``."""
-    for i in range(len(chosen)):
+def ends_of_edges(rows: IntArray, ends: IntArray) -> None:
+    """Fill ``ends`` ``(3 m, 2)`` with the numbers of the vertices at the ends of the edges of faces ``(m, 3)``."""
+    for i in range(rows.shape[0]):
         for k in range(3):
-            ends[3 * i + k, 0] = first[faces[chosen[i], k]]
-            ends[3 * i + k, 1] = first[faces[chosen[i], (k + 1) % 3]]
+            ends[3 * i + k, 0] = rows[i, k]
+            ends[3 * i + k, 1] = rows[i, (k + 1) % 3]
 
 
 @jit_allocating
@@ -69,16 +91,10 @@ def different_edges(ends: IntArray, left_out: BoolArray, kept: IntArray) -> int:
 
 @jit
 def middles_of_edges(
-    vertices: FloatArray,
-    ends: IntArray,
-    chosen: IntArray,
-    at_vertex: FloatArray,
-    middles: FloatArray,
-    least: FloatArray,
+    vertices: FloatArray, corners: IntArray, ends: IntArray, chosen: IntArray, middles: FloatArray
 ) -> None:
-    """Fill ``middles`` ``(m, 3)`` of the ``chosen`` edges and ``least`` ``(m,)``, the smaller sagitta of their ends."""
+    """Fill ``middles`` ``(m, 3)`` of the ``chosen`` edges, whose ``ends`` are numbers of ``corners``."""
     for i in range(len(chosen)):
-        a, b = ends[chosen[i], 0], ends[chosen[i], 1]
+        a, b = corners[ends[chosen[i], 0]], corners[ends[chosen[i], 1]]
         for axis in range(3):
             middles[i, axis] = (vertices[a, axis] + vertices[b, axis]) / 2.0
-        least[i] = min(at_vertex[a], at_vertex[b])

@@ -38,6 +38,8 @@ def test_open_edges_and_neighbours_are_those_that_counting_finds(name: str) -> N
     table = EdgeTable(duplicate_vertex_map(vertices), faces)
     merged, uses = counted(vertices, faces)
     opened, neighbours = table.open, table.neighbours
+    some = np.random.default_rng(2).permutation(len(faces))[: len(faces) // 2 + 1]
+    np.testing.assert_array_equal(table.neighbours_of(some), neighbours[some])
     for face, row in enumerate(merged.tolist()):
         for k in range(3):
             edge = frozenset((row[k], row[(k + 1) % 3]))
@@ -64,3 +66,18 @@ def test_edges_and_faces_are_known_in_any_order_and_others_are_not(name: str) ->
     pairs = np.concatenate([triples[:, :2], triples[:, 1:]])
     expected = [min(row) >= 0 and uses[frozenset(row)] > 0 for row in pairs.tolist()]
     np.testing.assert_array_equal(table.are_edges(pairs.astype(np.int32)), expected)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_faces_at_the_edges_between_three_vertices_have_both_ends(name: str) -> None:
+    vertices, faces = MESHES[name]
+    table = EdgeTable(duplicate_vertex_map(vertices), faces)
+    merged, uses = counted(vertices, faces)
+    rng = np.random.default_rng(3)
+    triples = np.concatenate([rng.permuted(merged, axis=1), rng.integers(-1, len(vertices), (200, 3))])
+    for row, beside in zip(triples.tolist(), table.faces_at(triples.astype(np.int32)).tolist(), strict=True):
+        for k in range(3):
+            ends = {row[k], row[(k + 1) % 3]}
+            found = [face for face in beside[2 * k : 2 * k + 2] if face >= 0]
+            assert len(set(found)) == len(found) == min(2, 0 if min(ends) < 0 else uses[frozenset(ends)])
+            assert all(ends <= set(merged[face].tolist()) for face in found)
