@@ -108,7 +108,7 @@ class Features:
         image[corners] = look.images
         left = ~self._facets.edges.are_faces(image[rows])
         if left.any():
-            beside = self._facets.edges.faces_at(image[rows[left]])
+            beside = None if first.bad.any() else self._facets.edges.faces_at(image[rows[left]])
             look += self._at_edges(rows[left], image, beside, operation)
             look += self._at_faces(chosen[left], operation, beside)
         return self._with_largest(look, operation)
@@ -235,7 +235,7 @@ class Features:
 
         return self._known(self._vertices[corners], sagittas, operation, gaps[rows], images[rows])
 
-    def _at_faces(self, faces: IntArray, operation: Operations, beside: IntArray) -> Look:
+    def _at_faces(self, faces: IntArray, operation: Operations, beside: IntArray | None) -> Look:
         middles = self._middles(faces)
 
         def sagittas() -> FloatArray:
@@ -243,7 +243,7 @@ class Features:
 
         return self._known(middles, sagittas, operation, self._bounds(middles, beside, operation))
 
-    def _at_edges(self, rows: IntArray, image: IntArray, beside: IntArray, operation: Operations) -> Look:
+    def _at_edges(self, rows: IntArray, image: IntArray, beside: IntArray | None, operation: Operations) -> Look:
         """At the middles of edges that do not go to an edge, by the ``image`` of each corner."""
         ends = np.empty((3 * len(rows), 2), dtype=np.int32)
         _kernels.ends_of_edges(rows, ends)
@@ -253,12 +253,20 @@ class Features:
         _kernels.middles_of_edges(self._vertices, self._corners, ends, kept, middles)
 
         def sagittas() -> FloatArray:
-            return self._facets.sagittas[1][self._corners[ends[kept]]].min(1)
+            of_ends = self._facets.sagittas[1][self._corners[ends[kept]]]
+            return np.minimum(of_ends[:, 0], of_ends[:, 1])
 
-        return self._known(middles, sagittas, operation, self._bounds(middles, beside[kept // 3], operation))
+        return self._known(
+            middles,
+            sagittas,
+            operation,
+            self._bounds(middles, None if beside is None else beside[kept // 3], operation),
+        )
 
-    def _bounds(self, points: FloatArray, beside: IntArray, operation: Operations) -> FloatArray:
-        """What images of points ``(m, 3)`` deviate by at most, by some of the faces near them ``(m, k)``."""
+    def _bounds(self, points: FloatArray, beside: IntArray | None, operation: Operations) -> FloatArray:
+        """What images of points ``(m, 3)`` deviate by at most, by some faces near them ``(m, k)``; infinite without."""
+        if beside is None:
+            return np.full(len(points), np.inf)
         surface, bounds = self._surface, np.empty(len(points))
         fixed, linear = self._of_tree(operation)
         tree = surface.tree
