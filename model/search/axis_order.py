@@ -122,15 +122,14 @@ def rotation_order(
     axis = _Axis(meter, direction, point, limit, past_facets, many, settings)
     few = samples.every(_SCREEN_STRIDE)
     arbitrary = roundness(meter, few, direction, point, settings)
-    screen = axis.against(few, arbitrary)
-    # On a few samples it shows that nothing holds; that something does is to be seen on all.
     powers = {prime: _next_power(prime, known) for prime in primes.tolist()}
     if many is not None and not arbitrary.is_round and arbitrary.rms <= limit:
         # On few samples noise makes all orders look alike.
         shown = harmonics(meter, many().every(HARMONICS_STRIDE), direction, point, settings)
         factors, needed = [n for prime, n in powers.items() if any(order % prime == 0 for order in shown)], np.inf
     else:
-        factors, needed = screen.promising(powers.values())
+        # On a few samples it shows that nothing holds; that something does is to be seen on all.
+        factors, needed = axis.against(few, arbitrary).promising(powers.values())
     if not arbitrary.is_round and not factors:
         return RotationalSymmetry(known, arbitrary.rms, needed)
     arbitrary = roundness(meter, samples, direction, point, settings)

@@ -28,20 +28,23 @@ def explains_better(
         closely: the samples are many: where noise is most of both, a small part of them is all there is.
         likely: it is before one looks: less proof is asked of many samples.
     """
-    difference = others - squared
-    spread = float(difference.std()) / np.sqrt(len(difference))
     enough, significance = settings.advantage, settings.significance
     if closely:
         enough = settings.advantage_in_noise
         significance = settings.significance_if_likely if likely else settings.significance_in_noise
     better = float(others.mean()) > enough * float(squared.mean())
-    return better and float(difference.mean()) > significance * spread
+    return better and _is_larger(others, squared, significance)
 
 
 def might_explain_better(
     squared: FloatArray, others: FloatArray, settings: SearchSettings = DEFAULT, *, likely: bool = False
 ) -> bool:
     """Whether more samples may show that `explains_better` holds: on these it is better, be it by chance."""
-    difference = others - squared
+    return _is_larger(others, squared, settings.chance_if_likely if likely else settings.chance)
+
+
+def _is_larger(values: FloatArray, others: FloatArray, significance: float) -> bool:
+    """Whether values ``(n,)`` are larger than others ``(n,)`` on average, by so many standard errors."""
+    difference = values - others
     spread = float(difference.std()) / np.sqrt(len(difference))
-    return float(difference.mean()) > (-1.0 if likely else settings.chance) * spread
+    return float(difference.mean()) > significance * spread

@@ -112,7 +112,7 @@ class Hypothesis:
     @property
     def measured_operations(self) -> Operations:
         """The generators, and some elements of larger groups."""
-        return self._placed(_chosen(self.group, _MOST_MEASURED, halfway=True))
+        return self._placed(_chosen(self.group, _MOST_MEASURED))
 
     def measured(
         self,
@@ -165,7 +165,7 @@ class Hypothesis:
         """The generators, and some elements if these are few: what the frame is fitted to."""
         if self.name in CONTINUOUS:
             return self.generators
-        return self._placed(_chosen(self.group, _MOST_FITTED, halfway=True))
+        return self._placed(_chosen(self.group, _MOST_FITTED))
 
     def fitted(self, context: SearchContext, *, stride: int = 3, steps: int = 8) -> "Hypothesis":
         """The same after its frame was fitted to the surface, and measured there.
@@ -246,16 +246,18 @@ def _share_within(squared: FloatArray, distance: float) -> float:
 
 
 @lru_cache(maxsize=512)
-def _chosen(group: PointGroup, most: int, *, halfway: bool) -> Operations:
+def _chosen(group: PointGroup, most: int) -> Operations:
     """The generators of a group, each other element once while there are few, evenly picked ones of many.
+
+    With the rotation half way round the principal axis, which a nearby wrong order (23 for 24) fails, and which says
+    where the axis is.
 
     Args:
         group: in its own frame.
         most: operations altogether, unless there are more generators.
-        halfway: with the rotation half way round the principal axis, which a nearby wrong order (23 for 24) fails.
     """
     parts, order = [group.generators], group.principal_order
-    if halfway and order > 2 and group.name[0] not in "TOI":
+    if order > 2 and group.name[0] not in "TOI":
         angle = np.array([2.0 * np.pi * (order // 2) / order])
         parts.append(Operations.rotations(np.eye(3)[2], np.zeros(3), angle))
     operations, elements = Operations.joined(parts), _elements(group)

@@ -35,7 +35,7 @@ class SearchSettings:
             deviations is so many standard errors from zero ...
         advantage: ... and its mean squared deviation so many times smaller.
         significance_in_noise, significance_if_likely, advantage_in_noise: the same of many samples.
-        chance: what is better by fewer standard errors is not looked at on more samples.
+        chance, chance_if_likely: what is better by fewer standard errors is not looked at on more samples.
         largest_order: of a rotation axis.
         same_angle, same_distance: two elements of one kind nearer than this are the same (radians, unit frame).
         tilt: a symmetry is compared with the same element tilted by this angle (radians) ...
@@ -71,6 +71,7 @@ class SearchSettings:
     significance_if_likely: float = 2.5
     advantage_in_noise: float = 1.03
     chance: float = 0.5
+    chance_if_likely: float = -1.0
     largest_order: int = 360
     same_angle: float = float(np.deg2rad(1.5))
     same_distance: float = 0.015
